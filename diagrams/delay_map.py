@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 
 from teleop_drake import DelayMargins, LoadScenario, WriteDiagram
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoints
 
 NUM_SHOWN = 3
 

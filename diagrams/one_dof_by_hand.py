@@ -13,18 +13,20 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
-from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.blocks.systems.haptic_device import HapticDevice
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.laws.backstepping import BacksteppingGains
-from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.scenario import LayerConfig
-from teleop_drake.simulation import MakeSimulator
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.loops.run.simulator import MakeSimulator
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+)
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.model.blocks.operators import ConstantVelocityOperator
+from teleop_drake.model.blocks.robots import MakeRobot
+from teleop_drake.model.blocks.systems.haptic_device import HapticDevice
+from teleop_drake.model.laws.backstepping import BacksteppingGains
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork
+from teleop_drake.model.scenario import LayerConfig
 
 
 def MakeOneDofByHand() -> Diagram:

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.blocks.architectures import Architecture
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.model.blocks.architectures import Architecture
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 
 def Declare(system, name, size, calc, *inputs):

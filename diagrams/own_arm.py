@@ -12,12 +12,12 @@ The scenario also runs on the command line: `teleop-drake run diagrams/own_arm.y
 import sys
 from pathlib import Path
 
-from teleop_drake.blocks.robots import FactsOfRobot
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.model.blocks.robots import FactsOfRobot
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 
 def main(picture: Path) -> None:

@@ -22,13 +22,13 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
-from teleop_drake.blocks.channels import ChannelConfig, ConstantDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.validation import CheckNumber
+from teleop_drake.loops.delays import ChannelConfig, ConstantDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 
 @dataclass(kw_only=True, eq=False)

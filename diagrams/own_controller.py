@@ -20,11 +20,11 @@ from pathlib import Path
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.recording import Recording
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 
 def damped(

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.link.packets import NewKey
-from teleop_drake.link.remote import OperateRemotely
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.teleoperator import AddTeleoperator
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.teleoperator import AddTeleoperator
+from teleop_drake.study.link.packets import NewKey
+from teleop_drake.study.link.remote import OperateRemotely
 
 OVERRIDES = ["controller.kind=direct_force", "duration=1.0"]
 

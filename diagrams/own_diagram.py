@@ -15,9 +15,9 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.simulation import simulate
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.model.run.simulate import simulate
 
 
 def MakeDiagram(delay: float = 0.4) -> Diagram:

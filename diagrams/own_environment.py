@@ -21,14 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
-from teleop_drake.blocks.environments import EnvironmentConfig, Surface
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.validation import Number
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.loops.framework.validation import Number
+from teleop_drake.loops.kernel import Kernel, KernelBlock
+from teleop_drake.model.blocks.environments import EnvironmentConfig, Surface
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 
 def hunt_crossley_force(K, B, point_W, normal_W, p_WT, v_WT):

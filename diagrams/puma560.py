@@ -26,13 +26,13 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
-from teleop_drake.blocks.systems.joint_friction import JointFriction
-from teleop_drake.blocks.systems.posture_hold import PostureHold
-from teleop_drake.blocks.systems.tool_interface import ToolInterface
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.laws.task_space import PostureGains
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.model.blocks.robots import Puma560Config
+from teleop_drake.model.blocks.systems.gravity_compensation import GravityCompensation
+from teleop_drake.model.blocks.systems.joint_friction import JointFriction
+from teleop_drake.model.blocks.systems.posture_hold import PostureHold
+from teleop_drake.model.blocks.systems.tool_interface import ToolInterface
+from teleop_drake.model.laws.task_space import PostureGains
 
 START = np.array([0.6, -0.15, 0.4])
 EFFORT_LIMITS = np.array([97.6, 186.4, 89.4, 24.2, 20.1, 21.3])  # N m

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
-from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.scenario import LoadScenario, Scenario
-from teleop_drake.simulation import MakeSimulator
-from teleop_drake.stations import MakeArchitecture, MakeMasterStation
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.loops.run.simulator import MakeSimulator
+from teleop_drake.model.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.model.blocks.robots import MakeRobot
+from teleop_drake.model.scenario import LoadScenario, Scenario
+from teleop_drake.model.stations import MakeArchitecture, MakeMasterStation
 
 
 def MakeTwoDofArm(scenario: Scenario) -> Diagram:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.needle import NeedlePath
-from teleop_drake.laws.task_space import rotated
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.laws.needle import NeedlePath
+from teleop_drake.model.laws.task_space import rotated
 
 # Gauss's rule with three points in [0, 1], exact for the quartic |e|^2.
 _ERROR_POINTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5)

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.blocks.robots import RobotConfig
-from teleop_drake.scenario.scenario import Scenario
-from teleop_drake.scenario.tree import FromTree, ToTree
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.model.blocks.robots import RobotConfig
+from teleop_drake.model.scenario.scenario import Scenario
+from teleop_drake.model.scenario.tree import FromTree, ToTree
 
 # The fields that go by a power of the factor; the others stay. P s goes by f^2 as z
 # does by f, so that V2 keeps its form and goes by f^2 as a whole. The rates follow from

@@ -1,12 +1,12 @@
 """Raw delays as two-ports, and whether a two-port is passive.
 
-See teleop_drake.laws.two_port for the matrices, and for the sources.
+See teleop_drake.model.laws.two_port for the matrices, and for the sources.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
 
 
 def delay_two_port(

@@ -14,32 +14,18 @@ from typing import TYPE_CHECKING, Any
 from teleop_drake import blocks
 
 if TYPE_CHECKING:
-    from teleop_drake.analysis.delay_map import DelayMargins
-    from teleop_drake.analysis.energy import TwoPortEnergyBalance
-    from teleop_drake.analysis.latency import EstimateLatency
-    from teleop_drake.analysis.ports import DelayMargin, LinearizePorts
-    from teleop_drake.analysis.stability import AnalyzeStability
-    from teleop_drake.analysis.stability_chart import ChartStability
     from teleop_drake.blocks import *  # noqa: F403
-    from teleop_drake.figures.analysis import (
-        PlotBode,
-        PlotNyquist,
-        PlotStabilityChart,
-        PlotStableDelays,
-    )
-    from teleop_drake.figures.block_diagram import WriteDiagram
-    from teleop_drake.figures.latency import PlotLatency
-    from teleop_drake.figures.notebook import ShowDiagram, ShowTable
-    from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
-    from teleop_drake.figures.scene import MakeReplay
-    from teleop_drake.figures.style import Figure
-    from teleop_drake.figures.sweeps import PlotSweep
-    from teleop_drake.figures.trace_report import PlotTraceReport
-    from teleop_drake.link.remote import OperateRemotely, ServeRobot
-    from teleop_drake.page.page import Explore, MakePage, WritePage
-    from teleop_drake.parameters import NamedParameters
-    from teleop_drake.recording import Recording
-    from teleop_drake.scenario import (
+    from teleop_drake.loops.draw.block_diagram import WriteDiagram
+    from teleop_drake.loops.draw.style import Figure
+    from teleop_drake.loops.engine.parameters import NamedParameters
+    from teleop_drake.loops.linear.delay_map import DelayMargins
+    from teleop_drake.loops.linear.latency import EstimateLatency
+    from teleop_drake.loops.linear.ports import DelayMargin, LinearizePorts
+    from teleop_drake.loops.run.recording import Recording
+    from teleop_drake.loops.run.simulator import MakeSimulator
+    from teleop_drake.model.run.compile import Compile
+    from teleop_drake.model.run.simulate import MakeDiagram, simulate
+    from teleop_drake.model.scenario import (
         LoadScenario,
         Scenario,
         ScenarioError,
@@ -47,15 +33,30 @@ if TYPE_CHECKING:
         ScenarioToYaml,
         TrackingScenario,
     )
-    from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
-    from teleop_drake.simulation.compile import Compile
-    from teleop_drake.sweep import RunSweep, Sweep
-    from teleop_drake.sweep.study import LoadStudy
-    from teleop_drake.sweep.trace_report import ReportTrace
-    from teleop_drake.sweep.tuning import Tune
-    from teleop_drake.task_recording import LoadRecording, TaskRecording
-    from teleop_drake.tasks.metrics import RunMetrics, RunSummary
-    from teleop_drake.teleoperator import MakeTeleoperator
+    from teleop_drake.model.task_recording import LoadRecording, TaskRecording
+    from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
+    from teleop_drake.model.teleoperator import MakeTeleoperator
+    from teleop_drake.study.analysis.energy import TwoPortEnergyBalance
+    from teleop_drake.study.analysis.stability import AnalyzeStability
+    from teleop_drake.study.analysis.stability_chart import ChartStability
+    from teleop_drake.study.figures.analysis import (
+        PlotBode,
+        PlotNyquist,
+        PlotStabilityChart,
+        PlotStableDelays,
+    )
+    from teleop_drake.study.figures.latency import PlotLatency
+    from teleop_drake.study.figures.notebook import ShowDiagram, ShowTable
+    from teleop_drake.study.figures.runs import PlotComparison, PlotRun, SaveFigure
+    from teleop_drake.study.figures.scene import MakeReplay
+    from teleop_drake.study.figures.sweeps import PlotSweep
+    from teleop_drake.study.figures.trace_report import PlotTraceReport
+    from teleop_drake.study.link.remote import OperateRemotely, ServeRobot
+    from teleop_drake.study.page.page import Explore, MakePage, WritePage
+    from teleop_drake.study.sweep import RunSweep, Sweep
+    from teleop_drake.study.sweep.study import LoadStudy
+    from teleop_drake.study.sweep.trace_report import ReportTrace
+    from teleop_drake.study.sweep.tuning import Tune
 
 __version__ = "0.1.0"
 
@@ -115,43 +116,44 @@ __all__ = [
 # The names that each module defines: those of __all__, and RecordingHtml.
 # teleop_drake.blocks has a table for the blocks.
 _PLACES = {
-    "analysis.delay_map": ["DelayMargins"],
-    "analysis.energy": ["TwoPortEnergyBalance"],
-    "analysis.latency": ["EstimateLatency"],
-    "analysis.stability_chart": ["ChartStability"],
-    "figures.analysis": [
+    "loops.linear.delay_map": ["DelayMargins"],
+    "study.analysis.energy": ["TwoPortEnergyBalance"],
+    "loops.linear.latency": ["EstimateLatency"],
+    "study.analysis.stability_chart": ["ChartStability"],
+    "study.figures.analysis": [
         "PlotBode",
         "PlotNyquist",
         "PlotStabilityChart",
         "PlotStableDelays",
     ],
-    "figures.latency": ["PlotLatency"],
-    "figures.notebook": ["RecordingHtml", "ShowDiagram", "ShowTable"],
-    "figures.style": ["Figure"],
-    "figures.sweeps": ["PlotSweep"],
-    "figures.trace_report": ["PlotTraceReport"],
-    "sweep.study": ["LoadStudy"],
-    "link.remote": ["OperateRemotely", "ServeRobot"],
-    "analysis.ports": ["DelayMargin", "LinearizePorts"],
-    "analysis.stability": ["AnalyzeStability"],
-    "figures.block_diagram": ["WriteDiagram"],
-    "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
-    "figures.scene": ["MakeReplay"],
-    "page.page": ["Explore", "MakePage", "WritePage"],
-    "parameters": ["NamedParameters"],
-    "recording": ["Recording"],
-    "scenario": [
+    "study.figures.latency": ["PlotLatency"],
+    "study.figures.notebook": ["RecordingHtml", "ShowDiagram", "ShowTable"],
+    "loops.draw.style": ["Figure"],
+    "study.figures.sweeps": ["PlotSweep"],
+    "study.figures.trace_report": ["PlotTraceReport"],
+    "study.sweep.study": ["LoadStudy"],
+    "study.link.remote": ["OperateRemotely", "ServeRobot"],
+    "loops.linear.ports": ["DelayMargin", "LinearizePorts"],
+    "study.analysis.stability": ["AnalyzeStability"],
+    "loops.draw.block_diagram": ["WriteDiagram"],
+    "study.figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
+    "study.figures.scene": ["MakeReplay"],
+    "study.page.page": ["Explore", "MakePage", "WritePage"],
+    "loops.engine.parameters": ["NamedParameters"],
+    "loops.run.recording": ["Recording"],
+    "model.scenario": [
         *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),
         *("ScenarioToYaml", "TrackingScenario"),
     ],
-    "simulation": ["MakeDiagram", "MakeSimulator", "simulate"],
-    "simulation.compile": ["Compile"],
-    "sweep": ["RunSweep", "Sweep"],
-    "sweep.trace_report": ["ReportTrace"],
-    "sweep.tuning": ["Tune"],
-    "task_recording": ["LoadRecording", "TaskRecording"],
-    "tasks.metrics": ["RunMetrics", "RunSummary"],
-    "teleoperator": ["MakeTeleoperator"],
+    "loops.run.simulator": ["MakeSimulator"],
+    "model.run.simulate": ["MakeDiagram", "simulate"],
+    "model.run.compile": ["Compile"],
+    "study.sweep": ["RunSweep", "Sweep"],
+    "study.sweep.trace_report": ["ReportTrace"],
+    "study.sweep.tuning": ["Tune"],
+    "model.task_recording": ["LoadRecording", "TaskRecording"],
+    "model.tasks.metrics": ["RunMetrics", "RunSummary"],
+    "model.teleoperator": ["MakeTeleoperator"],
 }
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.laws.backstepping import (
+from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     auxiliary_error,
     damped_rate,

@@ -117,6 +117,6 @@ def unrendered(monkeypatch):
 def in_this_process(monkeypatch):
     """Lets sweeps simulate here; sweep/test_sweep.py has them in other processes."""
     monkeypatch.setattr(
-        "teleop_drake.sweep.run.Workers",
+        "teleop_drake.study.sweep.run.Workers",
         lambda jobs, preload: ThreadPoolExecutor(1),
     )

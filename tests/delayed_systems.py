@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.numerics.state_space import state_space
+from teleop_drake.loops.numerics.state_space import state_space
 
 
 def Retarded(A0, A1):

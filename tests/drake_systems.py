@@ -63,7 +63,7 @@ from pydrake.systems.planar_scenegraph_visualizer import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from teleop_drake import TransportDelay
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.framework.wiring import InputPorts
 
 DELAY = 0.2
 """The delay in s of the loop beside each system."""

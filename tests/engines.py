@@ -5,13 +5,12 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 from wasm_runs import Instance
 
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.page.model import MakeModel
-from teleop_drake.signals import SignalsOf
-from teleop_drake.simulation import MakeSimulator
-from teleop_drake.simulation.compiled_run import SignalPlaces
-from teleop_drake.simulation.simulator import EVENT_ACCURACY
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.framework.signals import SignalsOf
+from teleop_drake.loops.page.model import MakeModel
+from teleop_drake.loops.run.compiled_run import SignalPlaces
+from teleop_drake.loops.run.simulator import EVENT_ACCURACY, MakeSimulator
 
 Signals = dict[str, np.ndarray]
 

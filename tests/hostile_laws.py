@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.linalg import norm
 
-from teleop_drake.numerics.jacobi import singular_values
+from teleop_drake.loops.numerics.jacobi import singular_values
 
 
 # Helpers that write under a condition, or return what they got.

@@ -19,10 +19,10 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Sine
 
-from teleop_drake.engine.check import Compare, KernelDisagrees
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.numerics.instants import SAME
+from teleop_drake.loops.engine.check import Compare, KernelDisagrees
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.numerics.instants import SAME
 
 # The largest difference after a while, as a share of the largest element. A jump at
 # another instant makes a far larger one.

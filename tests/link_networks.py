@@ -3,10 +3,10 @@
 import heapq
 from types import SimpleNamespace
 
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss
-from teleop_drake.blocks.channels.variable import DelayProfile
-from teleop_drake.link.side import Side
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss
+from teleop_drake.loops.delays.variable import DelayProfile
+from teleop_drake.study.link.side import Side
 
 KEY = bytes(range(32))
 

@@ -6,14 +6,14 @@ from typing import ClassVar
 import numpy as np
 from pydrake.systems.framework import BasicVector, LeafSystem
 
-from teleop_drake.blocks.architectures import ControlLawConfig
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.blocks.operators import OperatorConfig
-from teleop_drake.blocks.robots import RobotConfig
-from teleop_drake.recording import Event
-from teleop_drake.tasks import Insertion, SpeedLimit
-from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.validation import CheckNumber
+from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.model.blocks.architectures import ControlLawConfig
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.blocks.operators import OperatorConfig
+from teleop_drake.model.blocks.robots import RobotConfig
+from teleop_drake.model.tasks import Insertion, SpeedLimit
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 
 class BrakedForceLaw(LeafSystem):

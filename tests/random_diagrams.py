@@ -22,13 +22,13 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
-from teleop_drake.kernel import FixedBlock, Kernel, Transition, times
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition, times
 
 N, END = 3, 1.0
 I, ZERO = np.eye(N), np.zeros((N, N))

@@ -8,9 +8,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from teleop_drake.scenario import AnyScenario, LoadScenario, ScenarioToYaml
-from teleop_drake.simulation import simulate
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import AnyScenario, LoadScenario, ScenarioToYaml
+from teleop_drake.model.task_recording import TaskRecording
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from teleop_drake.recording import Event, SolverStatistics
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.loops.run.recording import Event, SolverStatistics
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.task_recording import TaskRecording
 
 NUMBERS = ("accuracy", "wall_time_s", "real_time_factor", "derivative_evaluations")
 SOLVER = SolverStatistics(

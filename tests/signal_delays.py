@@ -5,7 +5,7 @@ from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import brentq
 
 from teleop_drake import VariableDelay, VariableTransportDelay
-from teleop_drake.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 
 
 def Source(function, size=1):

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import PortDataType, System
 
-from teleop_drake.numerics.differences import differentiate
+from teleop_drake.loops.numerics.differences import differentiate
 
 YES = "yes"
 

@@ -7,9 +7,9 @@ from independent_solver import solve_thesis_task
 from references import DURATIONS, SIGNALS
 from runs import TASKS, Run
 
-from teleop_drake.scenario import CONTROLLERS
-from teleop_drake.sweep import FlattenMetrics
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.scenario import CONTROLLERS
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.sweep import FlattenMetrics
 
 # They look at the same runs.
 pytestmark = pytest.mark.xdist_group("runs")

@@ -23,15 +23,21 @@ def Module(path: Path) -> str:
     return ".".join(parts).removesuffix(".__init__")
 
 
+FLOORS = ("loops", "model", "study", "thesis", "cli")
+"""The floors of the package, the lowest one first."""
+
+
 def Floor(module: str) -> str:
-    """Returns the folder, or the file beside the folders, that a module belongs to."""
-    return module.split(".")[1] if "." in module else module
-
-
-def Seam(module: str) -> str:
-    """Returns the folder of blocks/ that a module belongs to, or the module itself."""
+    """Returns the floor of a module; the root's files stand above all floors."""
     parts = module.split(".")
-    return parts[2] if parts[1:2] == ["blocks"] and len(parts) > 2 else module
+    return parts[1] if len(parts) > 1 and parts[1] in FLOORS else "root"
+
+
+def Room(module: str) -> str:
+    """Returns the folder of a floor, or of blocks/, that a module belongs to."""
+    parts = module.split(".")
+    depth = 4 if parts[1:3] == ["model", "blocks"] else 3
+    return ".".join(parts[:depth])
 
 
 # Several tests look at the same files.
@@ -116,6 +122,28 @@ def AllImports() -> dict[str, set[str]]:
     return {Module(path): Imports(path) for path in FILES}
 
 
+@functools.cache
+def TopImports(module: str) -> set[str]:
+    """Returns the modules of the package that a file imports outside of functions."""
+    path = PACKAGE.parent / f"{module.replace('.', '/')}.py"
+    if not path.exists():
+        path = path.with_suffix("") / "__init__.py"
+    found = set()
+    for node in ast.parse(Source(path)).body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {node.module, *(f"{node.module}.{x.name}" for x in node.names)}
+    return (found & MODULES) - {module}
+
+
+def ImportedWith(module: str) -> set[str]:
+    """Returns the modules that a module imports, and the folders that they are in."""
+    found = TopImports(module)
+    for name in found:
+        parts = name.split(".")
+        found = found | {".".join(parts[:i]) for i in range(2, len(parts))}
+    return found
+
+
 def AssertNoCircle(graph: dict[str, set[str]]) -> None:
     try:
         TopologicalSorter(graph).prepare()
@@ -123,36 +151,44 @@ def AssertNoCircle(graph: dict[str, set[str]]) -> None:
         pytest.fail(" imports ".join(reversed(error.args[1])))
 
 
-def test_floors_stand_on_each_other():
-    """A folder imports from folders that do not import from it, directly or not."""
-    floors: dict[str, set[str]] = {}
-    for module, imports in AllImports().items():
-        below = floors.setdefault(Floor(module), set())
-        below |= {Floor(name) for name in imports & MODULES if "." in name}
-        below.discard(Floor(module))
-    AssertNoCircle(floors)
+def UpwardImports(graph: dict[str, set[str]]) -> list[tuple[str, str]]:
+    """Returns the pairs of a module and one of a higher floor that it imports."""
+    order = [*FLOORS, "root"]
+    return [
+        (module, name)
+        for module, imports in graph.items()
+        for name in imports & MODULES
+        if order.index(Floor(name)) > order.index(Floor(module))
+    ]
 
 
-def test_seams_stand_on_each_other():
-    """The folders of blocks/ do not import each other in circles."""
-    seams: dict[str, set[str]] = {}
-    for module, imports in AllImports().items():
-        if Seam(module) == module:
-            continue
-        below = seams.setdefault(Seam(module), set())
-        below |= {Seam(name) for name in imports & MODULES if Seam(name) != name}
-        below.discard(Seam(module))
-    assert seams
-    AssertNoCircle(seams)
+def test_no_import_runs_up():
+    assert UpwardImports(AllImports()) == []
+
+
+def test_upward_imports_are_found():
+    up = {"teleop_drake.loops.run": {"teleop_drake.model.run", "teleop_drake.loops"}}
+    assert UpwardImports(up) == [("teleop_drake.loops.run", "teleop_drake.model.run")]
+    root = {"teleop_drake.cli.main": {"teleop_drake"}}
+    assert UpwardImports(root) == [("teleop_drake.cli.main", "teleop_drake")]
+
+
+def test_rooms_stand_on_each_other():
+    """The rooms of a floor do not import each other in circles.
+
+    Not counted are imports within functions, by which what shows a thing is called from
+    the thing that is shown.
+    """
+    rooms: dict[str, set[str]] = {}
+    for module in MODULES:
+        below = rooms.setdefault(Room(module), set())
+        below |= {Room(name) for name in TopImports(module)} - {Room(module)}
+    inner = set(rooms) - {"teleop_drake", *(f"teleop_drake.{x}" for x in FLOORS)}
+    AssertNoCircle({room: rooms[room] & inner for room in inner})
 
 
 def test_files_do_not_import_in_circles():
-    AssertNoCircle(
-        {
-            module: (imports & MODULES) - {module}
-            for module, imports in AllImports().items()
-        }
-    )
+    AssertNoCircle({module: TopImports(module) for module in MODULES})
 
 
 def test_circles_are_found():
@@ -161,8 +197,12 @@ def test_circles_are_found():
 
 
 def test_imports_by_strings_are_found():
-    assert NamedModules("import_module('teleop_drake.page').A") == {"teleop_drake.page"}
-    assert NamedModules("F('figures.runs:PlotRun')") == {"teleop_drake.figures.runs"}
+    assert NamedModules("import_module('teleop_drake.loops.page').A") == {
+        "teleop_drake.loops.page"
+    }
+    assert NamedModules("F('study.figures.runs:PlotRun')") == {
+        "teleop_drake.study.figures.runs"
+    }
     commands = "import_module(f'teleop_drake.cli.commands.{name}')"
     assert NamedModules(commands) == {"teleop_drake.cli.commands"}
     assert not ImportsUnknownModules(commands)
@@ -187,43 +227,9 @@ def test_unknown_modules_are_those_of_the_user():
     assert found == [
         "__init__.py",
         "blocks/__init__.py",
-        "jit/following.py",
-        "kinds.py",
+        "loops/framework/kinds.py",
+        "loops/jit/following.py",
     ]
-
-
-# What is done with any System of Drake's.
-OF_SYSTEMS = (
-    "simulation.simulate",
-    "simulation.system_run",
-    "simulation.compiled_system",
-    "simulation.drake_run",
-    "page.page",
-    "analysis.delay_map",
-    "analysis.ports",
-    "figures.block_diagram",
-)
-OF_SCENARIOS = re.compile(
-    r"teleop_drake\.(scenario|stations|task_recording|tasks|teleoperator|sweep"
-    r"|blocks\.(architectures|operators|robots|environments\.kinds))\b"
-)
-
-
-@functools.cache
-def ImportedWith(module: str) -> set[str]:
-    """Returns the modules and folders that a file imports outside of functions."""
-    path = PACKAGE.parent / f"{module.replace('.', '/')}.py"
-    if not path.exists():
-        path = path.with_suffix("") / "__init__.py"
-    found = set()
-    for node in ast.parse(Source(path)).body:
-        if isinstance(node, ast.ImportFrom):
-            found |= {node.module, *(f"{node.module}.{x.name}" for x in node.names)}
-    # The folder of a module is imported before it.
-    for name in found & MODULES:
-        parts = name.split(".")
-        found |= {".".join(parts[:i]) for i in range(2, len(parts))}
-    return found & MODULES
 
 
 def AllImportedWith(module: str) -> set[str]:
@@ -236,26 +242,22 @@ def AllImportedWith(module: str) -> set[str]:
     return known
 
 
-@pytest.mark.parametrize("module", OF_SYSTEMS)
-def test_what_is_done_with_a_system_knows_no_scenario(module):
+@pytest.mark.parametrize("module", ["model.run.simulate", "study.page.page"])
+def test_what_takes_a_system_imports_scenarios_when_needed(module):
     found = AllImportedWith(module)
-    assert "teleop_drake.signals" in found
-    assert not list(filter(OF_SCENARIOS.match, found))
-
-
-def test_a_scenario_that_is_imported_is_found():
-    found = AllImportedWith("page.scenario_page")
-    assert any(map(OF_SCENARIOS.match, found))
+    assert "teleop_drake.loops.framework.signals" in found
+    assert not [x for x in found if x.startswith("teleop_drake.model.scenario")]
 
 
 # Mathematics: no Drake, names in snake_case.
-OF_NUMBERS = ("laws", "numerics")
+OF_NUMBERS = ("model.laws", "loops.numerics")
 
 
 def test_imports_are_narrow():
     for module, imports in AllImports().items():
         assert not imports & {"pydrake.all", "__future__"}, module
-        if Floor(module) in (*OF_NUMBERS, "validation", "kinds", "files"):
+        room = Room(module).removeprefix("teleop_drake.")
+        if room in OF_NUMBERS or module.endswith((".validation", ".kinds", ".files")):
             assert not any(name.startswith("pydrake") for name in imports), module
 
 
@@ -287,12 +289,14 @@ def AsksForAScenario(source: str) -> bool:
     )
 
 
+OF_SCENARIOS = ("teleop_drake.model.scenario", "teleop_drake.model.tasks")
+
+
 def test_only_scenarios_and_tasks_ask_what_a_scenario_is():
     asking = [
         str(path.relative_to(PACKAGE))
         for path in FILES
-        if path.relative_to(PACKAGE).parts[0] not in ("scenario", "tasks")
-        and AsksForAScenario(Source(path))
+        if Room(Module(path)) not in OF_SCENARIOS and AsksForAScenario(Source(path))
     ]
     assert asking == []
     assert AsksForAScenario("isinstance(x, Scenario | int)")
@@ -301,7 +305,7 @@ def test_only_scenarios_and_tasks_ask_what_a_scenario_is():
 
 MIRRORED = (
     "systems",
-    "channels",
+    "delays",
     "environments",
     "operators",
     "architectures",
@@ -343,19 +347,19 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     Properties are in snake_case as well. Everything that touches Drake is in CamelCase.
     """
     nodes = Nodes(source)
-    floor = path.relative_to(PACKAGE).parts[0]
+    room = ".".join(path.relative_to(PACKAGE).parts[:2])
     offers_terms = "Kernel(" in source or "ModalOperator.__init__(" in source
     misnamed = []
     for node in nodes:
         if not isinstance(node, ast.FunctionDef) or node.name.startswith("__"):
             continue
         is_property = any("property" in ast.unparse(x) for x in node.decorator_list)
-        if floor in OF_NUMBERS or is_property:
+        if room in OF_NUMBERS or is_property:
             allowed = SNAKE_CASE
-        elif (offers_terms and node in nodes[0].body) or floor in (
-            "kernel",
-            "engine",
-            "jit",
+        elif (offers_terms and node in nodes[0].body) or room in (
+            "loops.kernel",
+            "loops.engine",
+            "loops.jit",
         ):
             allowed = f"{SNAKE_CASE}|{CAMEL_CASE}"
         else:
@@ -374,8 +378,8 @@ def test_names_of_functions():
 
 
 def test_misnamed_functions_are_found():
-    assert MisnamedFunctions(PACKAGE / "laws" / "a.py", "def GetRoot(): ...")
-    assert MisnamedFunctions(PACKAGE / "sweep" / "a.py", "def get_root(): ...")
+    assert MisnamedFunctions(PACKAGE / "model/laws/a.py", "def GetRoot(): ...")
+    assert MisnamedFunctions(PACKAGE / "study/sweep/a.py", "def get_root(): ...")
 
 
 MOST_LINES_OF_A_FUNCTION = 60

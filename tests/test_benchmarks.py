@@ -10,8 +10,8 @@ from benchmarks.contenders import CONTENDERS, PEER
 from benchmarks.measuring import Options
 from grids import Slow
 
-from teleop_drake.scenario import CONTROLLERS, LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import CONTROLLERS, LoadScenario
 
 ADAPTIVE, QUICK = "adaptive_backstepping", Options(quick=True)
 

@@ -30,22 +30,22 @@ from teleop_drake import (
     MovingWindow,
     VariableTransportDelay,
 )
-from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.engine.check import Compare
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.primitives import KERNELS
-from teleop_drake.jit.packing import Place
-from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
-from teleop_drake.jit.symbols import (
+from teleop_drake.loops.engine.check import Compare
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.primitives import KERNELS
+from teleop_drake.loops.framework.signals import PathsIn, VectorOutputs
+from teleop_drake.loops.jit.packing import Place
+from teleop_drake.loops.jit.scalar_code import MakeCode, TraceLaw
+from teleop_drake.loops.jit.symbols import (
     Untraceable,
 )
-from teleop_drake.jit.traced_numpy import FUNCTIONS, REPLACED, UFUNCS
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.signals import PathsIn, VectorOutputs
-from teleop_drake.simulation import MakeDiagram
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.jit.traced_numpy import FUNCTIONS, REPLACED, UFUNCS
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.model.blocks.operators.hand import HandOperator
+from teleop_drake.model.run.simulate import MakeDiagram
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 PAGE = Path(teleop_drake.__file__).parent / "docs" / "blocks.md"
 # What one of them compiles, the others find on the disk.
@@ -180,7 +180,7 @@ def Blocks() -> Rows:
         for path, system in inside.items():
             module, name = type(system).__module__, type(system).__name__
             if path == "robot" and name == "Diagram":
-                module, name = "teleop_drake.blocks.robots", robot
+                module, name = "teleop_drake.model.blocks.robots", robot
             if name not in seen and not name.startswith("_"):
                 seen.add(name)
                 room = module.removeprefix("teleop_drake.").removeprefix("blocks.")

@@ -19,7 +19,7 @@ from scipy.integrate import cumulative_simpson, solve_ivp
 
 from teleop_drake.cli.main import main
 from teleop_drake.cli.reference_runs import Compare, Names, ReadTable
-from teleop_drake.scenario.yaml_text import ParseYaml
+from teleop_drake.model.scenario.yaml_text import ParseYaml
 
 # A grid on which all jumps, delays and instants of the echoes are, s.
 FINE = 0.0005

@@ -20,12 +20,12 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from wasm_runs import RunModule
 
 from teleop_drake import WritePage
-from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.page.model import MakeModel
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.solver import DefaultSimulator
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.page.model import MakeModel
+from teleop_drake.model.blocks.robots import MakeRobot
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 # A script runs once for all that is asked of it.
 pytestmark = pytest.mark.xdist_group("diagrams")

@@ -11,13 +11,13 @@ from documentation import PAGES, ROOT, TEXT, Blocks, CheckPicture, CountWords
 from grids import Slow
 from runs import Run
 
-from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
-from teleop_drake.figures.runs import PlotComparison, SaveFigure
-from teleop_drake.scenario import ARCHITECTURES, CONTROLLERS, LoadScenario
-from teleop_drake.sweep import RunSweep
-from teleop_drake.sweep.study import LoadStudy
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.scenario import ARCHITECTURES, CONTROLLERS, LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.figures.runs import PlotComparison, SaveFigure
+from teleop_drake.study.sweep import RunSweep
+from teleop_drake.study.sweep.study import LoadStudy
 
 LEAGUE = "teleop_drake/docs/architectures.md"
 

@@ -12,10 +12,10 @@ from runs import TASKS, Run
 from scipy.optimize import brentq
 
 import teleop_drake
-from teleop_drake.blocks.environments.layered_force_field import LayerColumns
-from teleop_drake.laws.layered_force import layer_table, layered_force
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.blocks.environments.layered_force_field import LayerColumns
+from teleop_drake.model.laws.layered_force import layer_table, layered_force
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.thesis.claims.measures import BasisFunctions
 from teleop_drake.thesis.report import CLAIMS
 

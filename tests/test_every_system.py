@@ -20,11 +20,11 @@ from drake_systems import (
 from pydrake.systems.framework import DiagramBuilder, System
 
 from teleop_drake import LinearizePorts, WritePage
-from teleop_drake.figures.block_diagram import DiagramDot, RenderSvg
-from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import MakeModel
-from teleop_drake.scenario import ScenarioError
-from teleop_drake.solver import DefaultSimulator
+from teleop_drake.loops.draw.block_diagram import DiagramDot, RenderSvg
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.page.levels import Levels
+from teleop_drake.loops.page.model import MakeModel
+from teleop_drake.model.scenario import ScenarioError
 
 # Systems with continuous states that depend on samples, and why they are refused.
 HYBRID = {

@@ -42,13 +42,13 @@ from league.statistics import (
     StatisticsRows,
 )
 
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.transparency import FeltStiffness
-from teleop_drake.figures.runs import SaveFigure
-from teleop_drake.scenario import LoadScenario, ScenarioToYaml
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioToYaml
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.transparency import FeltStiffness
+from teleop_drake.study.figures.runs import SaveFigure
 
 ENTRIES = ReadEntries()
 DOCS = ROOT / "teleop_drake/docs"

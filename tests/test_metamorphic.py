@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from teleop_drake.scenario import LayerConfig, LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LayerConfig, LoadScenario
 
 DIRECT = "controller.kind=direct_force"
 TIMES = np.linspace(0.0, 2.0, 401)

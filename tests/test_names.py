@@ -15,11 +15,11 @@ from test_block_table import FOLDERS, SCENES
 import teleop_drake
 from teleop_drake import blocks
 from teleop_drake.blocks import FunctionLaw
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.signals import PathsIn
-from teleop_drake.simulation import MakeDiagram
-from teleop_drake.validation import Range
+from teleop_drake.loops.framework.signals import PathsIn
+from teleop_drake.loops.framework.validation import Range
+from teleop_drake.loops.kernel import KernelBlock
+from teleop_drake.model.run.simulate import MakeDiagram
+from teleop_drake.model.scenario import LoadScenario
 
 
 def PublicBlocks():

@@ -20,7 +20,7 @@ from nbclient.exceptions import CellExecutionError
 from PIL import Image
 from pydrake.systems.primitives import Adder
 
-from teleop_drake.figures.notebook import ShowDiagram, ShowTable
+from teleop_drake.study.figures.notebook import ShowDiagram, ShowTable
 
 TESTS = Path(__file__).parent
 FAILING = TESTS / "failing_notebook.ipynb"

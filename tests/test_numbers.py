@@ -4,8 +4,8 @@ import pytest
 from grids import Slow
 from runs import TASKS, Run
 
-from teleop_drake.scenario import CONTROLLERS, LoadScenario
-from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.model.scenario import CONTROLLERS, LoadScenario
+from teleop_drake.model.tasks.metrics import RunSummary
 
 # They look at the same runs.
 pytestmark = pytest.mark.xdist_group("runs")

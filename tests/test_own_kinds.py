@@ -10,16 +10,16 @@ import pytest
 import yaml
 from grids import Slow
 
-from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
-from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.blocks.systems.haptic_device import HapticDevice
 from teleop_drake.cli import main
-from teleop_drake.kinds import KindConfig, KindTable
-from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
-from teleop_drake.scenario.loading import ScenarioFromYaml
-from teleop_drake.simulation import simulate
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.delays import ChannelConfig
+from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
+from teleop_drake.loops.framework.kinds import KindConfig, KindTable
+from teleop_drake.model.blocks.operators import ConstantVelocityOperator
+from teleop_drake.model.blocks.systems.haptic_device import HapticDevice
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError, ScenarioToYaml
+from teleop_drake.model.scenario.loading import ScenarioFromYaml
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 CHANNEL = "return_channel={kind: own_channel:BandLimitedChannel, bandwidth: 50}"
@@ -194,7 +194,7 @@ def test_systems_in_place_of_the_channels():
         (
             "return_channel.kind=own_kinds:BrakedForce",
             "return_channel.kind = 'own_kinds:BrakedForce': must be a dataclass that "
-            "derives from teleop_drake.blocks.channels.base.ChannelConfig",
+            "derives from teleop_drake.loops.delays.base.ChannelConfig",
         ),
         (
             "return_channel={kind: own_channel:BandLimitedChannel, bandwidht: 50}",

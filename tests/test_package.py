@@ -16,13 +16,13 @@ import yaml
 from pydrake.systems.framework import DiagramBuilder
 
 import teleop_drake as dut
-from teleop_drake.teleoperator import AddTeleoperator
+from teleop_drake.model.teleoperator import AddTeleoperator
 
 
 @pytest.mark.slow
 def test_a_sweep_starts_without_scipy():
     """Which takes longer to import than the runs of a short sweep."""
-    code = "import sys, teleop_drake.sweep; print('scipy' in sys.modules)"
+    code = "import sys, teleop_drake.study.sweep; print('scipy' in sys.modules)"
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
@@ -66,7 +66,7 @@ def test_the_page_of_a_system_imports_nothing_of_scenarios():
 import sys
 from pydrake.systems.primitives import SymbolicVectorSystem
 from pydrake.symbolic import Variable
-from teleop_drake.page.page import MakePage
+from teleop_drake.study.page.page import MakePage
 x = Variable("x")
 system = SymbolicVectorSystem(state=[x], dynamics=[-x], output=[x])
 assert MakePage(system).data["controllers"]
@@ -149,7 +149,7 @@ docs --out site --parts live,api
 
 
 # What the tests of the source archive are tried on, to be short.
-SOME_TESTS = ("tests/numerics/test_pieces.py", "tests/cli/test_tables.py")
+SOME_TESTS = ("tests/loops/numerics/test_pieces.py", "tests/cli/test_tables.py")
 
 
 def _Build(kind, folder, source):

@@ -16,9 +16,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 from scipy.integrate import solve_ivp
 
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
-from teleop_drake.simulation import simulate
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.kernel import Delay, FixedBlock, Kernel, Transition
+from teleop_drake.model.run.simulate import simulate
 
 
 def MakeDiagram(law, lags, start, history):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from runs import Run
 
-from teleop_drake.figures.runs import PlotRun
-from teleop_drake.recording import Event, Recording, UnknownSignal
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.loops.run.recording import Event, Recording, UnknownSignal
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.figures.runs import PlotRun
 
 NETWORK = ("forward_channel.kind=network", "forward_channel.sample_period=0.01")
 

@@ -1,8 +1,8 @@
 """Six axes: the loop against one by hand, the kinematics, and what is refused.
 
 The loop by hand shares no code with the package: the arm is the model file in a
-MultibodyPlant, which tests/blocks/robots checks against textbook recursions, the rest
-numpy and scipy. The operator commands a constant twist, and delays go by the method of
+MultibodyPlant, which tests/model/blocks/robots checks against textbook recursions, the
+rest numpy and scipy. The operator commands a constant twist, and delays go by the method of
 steps. The rate of the basis functions and the slopes of the tissue's energy are
 differences.
 """
@@ -25,23 +25,23 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import teleop_drake
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.environments.base import ForceAt
-from teleop_drake.blocks.environments.needle_path import NeedleInTissue
-from teleop_drake.laws.task_space import (
+from teleop_drake.loops.framework.signals import UnitOf
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.environments.base import ForceAt
+from teleop_drake.model.blocks.environments.needle_path import NeedleInTissue
+from teleop_drake.model.laws.task_space import (
     displacement,
     position_rate,
     rotated,
     rotation_vector,
 )
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.signals import UnitOf
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.validation import ScenarioError
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoint
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 MODEL = Path(teleop_drake.__file__).parent / "models" / "puma560.sdf"
 START, DELAY = [0.6, -0.15, 0.4, 0.3, -0.2, 0.25], 0.05

@@ -7,14 +7,14 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.primitives import MatrixGain
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.figures.block_diagram import DiagramDot
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeArchitecture, MakeMasterStation
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.draw.block_diagram import DiagramDot
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.blocks.robots import MakeRobot
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario, ScenarioError
+from teleop_drake.model.stations import MakeArchitecture, MakeMasterStation
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 FIGURE_2_1 = {
     "master",

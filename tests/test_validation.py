@@ -5,7 +5,12 @@ from dataclasses import dataclass
 
 import pytest
 
-from teleop_drake.validation import REQUIRED, FixedFields, Number, ScenarioError
+from teleop_drake.loops.framework.validation import (
+    REQUIRED,
+    FixedFields,
+    Number,
+    ScenarioError,
+)
 
 
 @dataclass(kw_only=True)

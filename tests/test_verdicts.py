@@ -15,11 +15,11 @@ from grids import Slow
 from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.optimize import brentq
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 TASKS = ("one_dof", "two_dof_collision", "two_dof_combined")
 

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Adder, Gain
 
-from teleop_drake.wiring import OutputNames, Wire
+from teleop_drake.loops.framework.wiring import OutputNames, Wire
 
 
 def MakeDifference(**changes):

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Gain, Integrator
 
 import teleop_drake
 from teleop_drake import DelayMargin, blocks
-from teleop_drake.scenario import ScenarioError
+from teleop_drake.model.scenario import ScenarioError
 
 # Arguments that functions require besides the first one.
 REST = {

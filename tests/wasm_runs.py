@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 import wasmtime
 
-from teleop_drake.engine.advance import FULL
-from teleop_drake.engine.problem import ROWS
-from teleop_drake.numerics.instants import SAME
-from teleop_drake.numerics.step_polynomials import DEGREE, interpolate, part
-from teleop_drake.page.model import Model
-from teleop_drake.page.scenario_model import ModelOf
-from teleop_drake.recording import Recording
-from teleop_drake.simulation import simulate
-from teleop_drake.sweep import FlattenMetrics
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.loops.engine.advance import FULL
+from teleop_drake.loops.engine.problem import ROWS
+from teleop_drake.loops.numerics.instants import SAME
+from teleop_drake.loops.numerics.step_polynomials import DEGREE, interpolate, part
+from teleop_drake.loops.page.model import Model
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.page.scenario_model import ModelOf
+from teleop_drake.study.sweep import FlattenMetrics
 
 _ROOM = 30_000  # For rows, which all stay.
 

@@ -24,9 +24,9 @@ import numpy as np
 from PIL import Image
 
 from teleop_drake import WritePage
-from teleop_drake.figures.scene import MakeReplay
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.figures.scene import MakeReplay
 
 SCENARIO = "two_dof_combined"
 CONTROLLERS = ("direct_force", "adaptive_backstepping")

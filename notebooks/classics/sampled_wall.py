@@ -18,7 +18,7 @@ Sources: J. E. Colgate and G. G. Schenkel, "Passivity of a class of sampled-data
 systems: application to haptic interfaces", American Control Conference (1994) and J.
 Robotic Systems 14 (1997); J. E. Colgate and J. M. Brown, "Factors affecting the Z-width
 of a haptic display", IEEE ICRA (1994). The last equation and the conditions of two tied
-joints are derived here and in tests/analysis/test_leader_follower.py.
+joints are derived here and in tests/study/analysis/test_leader_follower.py.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ from scipy.optimize import brentq
 
 from classics import InPageStyle
 from teleop_drake import simulate
-from teleop_drake.figures.style import COLORS, GREY, Figure
+from teleop_drake.loops.draw.style import COLORS, GREY, Figure
 
 FRICTION = 1.0  # N s/m
 PERIOD = 1e-3  # s

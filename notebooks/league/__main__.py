@@ -30,8 +30,8 @@ from league.figures import Draw, DrawFelt
 from league.page import WritePage
 from league.statistics import FOLDER, ReadTable, Row, RunRows, StatisticsRows
 from teleop_drake.cli.dask import DaskExecutor
-from teleop_drake.figures.runs import SaveFigure
-from teleop_drake.sweep.folder import WriteCsv
+from teleop_drake.study.figures.runs import SaveFigure
+from teleop_drake.study.sweep.folder import WriteCsv
 
 BUDGET = 20
 SEEDS = 5

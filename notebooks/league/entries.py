@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from teleop_drake.arrays import Array
-from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.scenario import AsTeleoperation, LoadScenario, Scenario
 
 ENTRIES = Path(__file__).with_name("entries.yaml")
 

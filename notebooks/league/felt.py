@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from league.entries import Entry, Gains, OneAxis
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoint, OperatingPoints
-from teleop_drake.analysis.transparency import (
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.model.laws.two_port import llewellyn
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoint, OperatingPoints
+from teleop_drake.study.analysis.transparency import (
     EnvironmentImpedance,
     TransmittedImpedance,
 )
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.laws.two_port import llewellyn
 
 BAND = np.geomspace(0.3, 10.0, 10)
 """Frequencies of a hand in rad/s."""

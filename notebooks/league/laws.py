@@ -1,6 +1,6 @@
 """A control law that takes part in the league: a plain function, see own_law."""
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def linear_core(

@@ -12,7 +12,7 @@ import numpy as np
 from league.entries import Entry
 from league.runs import Runs
 from league.statistics import FOLDER, ReadTable, Row
-from teleop_drake.sweep.folder import WriteCsv
+from teleop_drake.study.sweep.folder import WriteCsv
 
 STUDY = "passive_and_quick"
 LAWS = ("waves to the command", "waves to the ground", "damper to the command")

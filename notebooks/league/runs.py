@@ -9,20 +9,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from league.entries import Entry, Gains
-from teleop_drake.recording import Recording
-from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioError
-from teleop_drake.scenario.tree import ToTree
-from teleop_drake.stations import ResolveController
-from teleop_drake.sweep.any_plan import Programs
-from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.study import LoadStudy
-from teleop_drake.tasks.insertion_metrics import (
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioError
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.insertion_metrics import (
     CollisionTime,
     ControlForceVariation,
     InsertionRun,
     PeakForce,
     RestTime,
 )
+from teleop_drake.study.sweep.any_plan import Programs
+from teleop_drake.study.sweep.plan import PlanSweep, SweepPlan
+from teleop_drake.study.sweep.study import LoadStudy
 
 TRACES = sorted(Path(__file__).parent.glob("trace_*.csv"))
 """Files with delays, over which held-out runs go."""

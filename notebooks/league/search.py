@@ -29,7 +29,7 @@ from scipy.stats import qmc
 from league.entries import Entry, Gains
 from league.felt import Loss
 from league.runs import Runs
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 WORST = 10.0
 """The largest value of a term of the cost."""

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from league.runs import Outcome
-from teleop_drake.arrays import Array
-from teleop_drake.sweep.statistics import LEVEL, ShareInterval
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.study.sweep.statistics import LEVEL, ShareInterval
 
 FOLDER = Path(__file__).parent
 

@@ -11,7 +11,7 @@ from teleop_drake.cli.tables import Align
 if TYPE_CHECKING:
     from pydrake.systems.framework import Diagram
 
-    from teleop_drake.analysis.stability import StabilityAnalysis
+    from teleop_drake.study.analysis.stability import StabilityAnalysis
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class LabelledMap:
             path: The files without their suffixes.
             formats: The suffixes.
         """
-        from teleop_drake.figures.block_diagram import WriteDiagram
+        from teleop_drake.loops.draw.block_diagram import WriteDiagram
 
         paths = [path.with_name(f"{path.name}.{suffix}") for suffix in formats]
         for file in paths:
@@ -57,8 +57,8 @@ class LabelledMap:
 
 def MapDelays(analysis: "StabilityAnalysis") -> list[LabelledMap]:
     """Returns the delay map of each loop of an analysis, with the tool at rest."""
-    from teleop_drake.analysis.delay_map import DelayMargins
-    from teleop_drake.analysis.loop import Linearizer
+    from teleop_drake.loops.linear.delay_map import DelayMargins
+    from teleop_drake.study.analysis.loop import Linearizer
 
     linearizer = Linearizer(analysis.scenario)
     maps = []

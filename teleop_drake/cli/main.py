@@ -105,7 +105,7 @@ class _Parser(argparse.ArgumentParser):
         choice = _INVALID_CHOICE.match(message)
         if choice is None:
             raise BadInput(f"{message}; `{self.prog} --help` has the options")
-        from teleop_drake.validation import Choices  # It imports numpy.
+        from teleop_drake.loops.framework.validation import Choices  # It imports numpy.
 
         name, value, choices = choice.groups()
         allowed = Choices(value, re.findall(r"[\w.-]+", choices))
@@ -150,11 +150,12 @@ class _ShowVersion(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *args: Any) -> None:
         from importlib import metadata
 
-        from teleop_drake import __version__
-
-        others = [f"{name} {metadata.version(name)}" for name in ("drake", "numpy")]
+        own, *others = [
+            f"{name} {metadata.version(name)}"
+            for name in ("teleop-drake", "drake", "numpy")
+        ]
         others.append(f"Python {sys.version.split()[0]}")
-        print(f"teleop-drake {__version__} ({', '.join(others)})")
+        print(f"{own} ({', '.join(others)})")
         parser.exit()
 
 

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.validation import CheckChoice, Choices, Refuse
+from teleop_drake.loops.framework.validation import CheckChoice, Choices, Refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from pydrake.systems.framework import System
 
-    from teleop_drake.scenario import AnyScenario
-    from teleop_drake.scenario.overrides import Override
+    from teleop_drake.model.scenario import AnyScenario
+    from teleop_drake.model.scenario.overrides import Override
 
 
 # The channel of a measured trace, which is repeated if it is shorter than the run.
@@ -170,7 +170,7 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
     Raises:
         ScenarioError: If a format is unknown.
     """
-    from teleop_drake.files import FIGURE_FORMATS
+    from teleop_drake.loops.framework.files import FIGURE_FORMATS
 
     for name in args.format:
         if name not in FIGURE_FORMATS:
@@ -204,8 +204,8 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
     """
     if args.signals is None:
         return
-    from teleop_drake.signals import NamedSignals
-    from teleop_drake.simulation import MakeDiagram
+    from teleop_drake.loops.framework.signals import NamedSignals
+    from teleop_drake.model.run.simulate import MakeDiagram
 
     known = NamedSignals(MakeDiagram(scenario).GetSystems())
     for name in args.signals:
@@ -218,7 +218,7 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
     Raises:
         ScenarioError: If a name occurs twice, or both options are given.
     """
-    from teleop_drake.scenario import ARCHITECTURES
+    from teleop_drake.model.scenario import ARCHITECTURES
 
     one = getattr(args, "controller", None)
     several = args.controllers
@@ -274,7 +274,7 @@ def GridOf(
     Raises:
         ScenarioError: If an item of --vary has no path, or the grid is invalid.
     """
-    from teleop_drake.sweep.values import MakeGrid
+    from teleop_drake.study.sweep.values import MakeGrid
 
     varied = [SplitVary(item) for item in args.vary]
     return MakeGrid(controllers or None, [*varied, *more], args.seeds)
@@ -317,8 +317,8 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
     Raises:
         ScenarioError: If the scenario is not valid, or would take too long to simulate.
     """
-    from teleop_drake.scenario import CheckSteps, LoadScenario
-    from teleop_drake.tasks import TaskOf
+    from teleop_drake.model.scenario import CheckSteps, LoadScenario
+    from teleop_drake.model.tasks import TaskOf
 
     scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
     # Loading checks each field, but not the values that are computed from several.
@@ -337,7 +337,7 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
         BadInput: If an option is given that only scenarios have.
         ScenarioError: If there is no such function, or it requires arguments.
     """
-    from teleop_drake.kinds import ImportOwn
+    from teleop_drake.loops.framework.kinds import ImportOwn
 
     if ":" not in args.scenario or Path(args.scenario).exists():
         return None
@@ -395,9 +395,9 @@ def ChannelOverrides(
     given = getattr(args, "channel", None)
     if given is None:
         return []
-    from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
-    from teleop_drake.kinds import FileOf, IsOwn, WithFile
-    from teleop_drake.scenario.yaml_text import ParseFile
+    from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
+    from teleop_drake.loops.framework.kinds import FileOf, IsOwn, WithFile
+    from teleop_drake.model.scenario.yaml_text import ParseFile
 
     path = Path(given)
     folder = Path()
@@ -442,7 +442,7 @@ def OverridesOf(
 
 def FieldsOf(args: argparse.Namespace) -> "list[Override]":
     """Returns the overrides of --set, including those in its YAML files."""
-    from teleop_drake.scenario.yaml_text import ParseFile
+    from teleop_drake.model.scenario.yaml_text import ParseFile
 
     fields: list[Override] = []
     for text in args.set:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.files import IsDevice, TemporaryPath
-from teleop_drake.files import WriteText as WriteText
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.files import IsDevice, TemporaryPath
+from teleop_drake.loops.framework.files import WriteText as WriteText
+from teleop_drake.loops.framework.validation import Refuse
 
 
 def PrepareFolder(folder: str | None, *names: str) -> list[Path]:

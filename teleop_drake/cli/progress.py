@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from teleop_drake.cli.exit_codes import Failed
 
 if TYPE_CHECKING:
-    from teleop_drake.scenario import AnyScenario
-    from teleop_drake.task_recording import TaskRecording
+    from teleop_drake.model.scenario import AnyScenario
+    from teleop_drake.model.task_recording import TaskRecording
 
 
 def Notice(text: object) -> None:
@@ -33,9 +33,9 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "TaskRecor
         ScenarioError: If the scenario is invalid, or takes too many steps.
         Failed: If a block of the loop raises an error; it names the block.
     """
-    from teleop_drake.scenario import ScenarioError
-    from teleop_drake.simulation import simulate
-    from teleop_drake.simulation.failures import FirstLine
+    from teleop_drake.loops.run.failures import FirstLine
+    from teleop_drake.model.run.simulate import simulate
+    from teleop_drake.model.scenario import ScenarioError
 
     try:
         name = f"{scenario.name}, {scenario.controller.kind}: "

@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import teleop_drake
 
-_PACKAGE = Path(teleop_drake.__file__).parent
+_PACKAGE = Path(__file__).parents[1]
 _DOCS = _PACKAGE / "docs"
 _TEMPLATES = _DOCS / "site"
 
@@ -173,7 +172,7 @@ class Site:
         return groups
 
     def _WriteLive(self) -> None:
-        from teleop_drake.page.page import WritePage
+        from teleop_drake.study.page.page import WritePage
 
         folder = self._out / "live"
         folder.mkdir(exist_ok=True)

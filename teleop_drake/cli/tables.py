@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from teleop_drake.sweep import TaskSweepResult
-    from teleop_drake.task_recording import TaskRecording
+    from teleop_drake.model.task_recording import TaskRecording
+    from teleop_drake.study.sweep import TaskSweepResult
 
 
 def Words(name: str) -> str:
@@ -28,8 +28,8 @@ def Headline(recording: "TaskRecording") -> str:
     A second line tells what the run did. After a divergence a third line names the
     command that explains it.
     """
-    from teleop_drake.tasks import TaskOf
-    from teleop_drake.tasks.metrics import RunSentence
+    from teleop_drake.model.tasks import TaskOf
+    from teleop_drake.model.tasks.metrics import RunSentence
 
     scenario = recording.scenario
     line = f"{scenario.name}, {scenario.controller.kind}: "
@@ -53,9 +53,9 @@ def _Delay(channel: Any) -> str:
     trace = getattr(channel, "trace", None)
     if not trace:
         return f"{channel.delay:g} s"
-    from teleop_drake.kinds import FileOf
-    from teleop_drake.tables.measured import HALVED
-    from teleop_drake.tables.packets import ReadMeasured
+    from teleop_drake.loops.framework.kinds import FileOf
+    from teleop_drake.loops.tables.measured import HALVED
+    from teleop_drake.loops.tables.packets import ReadMeasured
 
     is_halved = ReadMeasured("trace", trace).kind == HALVED
     halved = " (half of its round trips)" if is_halved else ""
@@ -86,9 +86,9 @@ def Table(
         is_verbose: Whether to show all metrics and the solver's statistics, with a
             column for each run.
     """
-    from teleop_drake.figures.labels import ShortLabels
-    from teleop_drake.sweep import SelectMetrics
-    from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
+    from teleop_drake.model.tasks.metrics import FlattenMetrics, MetricUnits
+    from teleop_drake.study.figures.labels import ShortLabels
+    from teleop_drake.study.sweep import SelectMetrics
 
     runs = list(recordings.values())
     units = {"wall_time_s": "s"}
@@ -130,8 +130,8 @@ def SeedsTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
         result: A sweep that varies the seed, and beside it at most the controller.
         metrics: Names of metrics; by default, the most used ones.
     """
-    from teleop_drake.sweep import Differences, SelectMetrics, Statistics
-    from teleop_drake.sweep.statistics import CONTROLLERS
+    from teleop_drake.study.sweep import Differences, SelectMetrics, Statistics
+    from teleop_drake.study.sweep.statistics import CONTROLLERS
 
     shown = list(metrics) or SelectMetrics(result.scenario)
     key = next((k for k in CONTROLLERS if k in result.axes), "")
@@ -171,7 +171,7 @@ def SweepTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
     Args:
         metrics: Names of metrics; by default, the most used ones that the runs have.
     """
-    from teleop_drake.figures.labels import ValueLabel
+    from teleop_drake.study.figures.labels import ValueLabel
 
     units = result.units
     shown = {metric: units[metric] for metric in metrics or result.Metrics()}
@@ -237,7 +237,7 @@ def Align(lines: Sequence[Sequence[str]]) -> str:
 
 def Missing(metric: str) -> str:
     """Returns the cell of a metric that a run does not have."""
-    from teleop_drake.tasks.metrics import MissingInWords
+    from teleop_drake.model.tasks.metrics import MissingInWords
 
     return MissingInWords(metric)
 

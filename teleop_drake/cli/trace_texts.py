@@ -12,7 +12,7 @@ from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align
 
 if TYPE_CHECKING:
-    from teleop_drake.sweep.trace_report import LoopOverTrace, TraceReport
+    from teleop_drake.study.sweep.trace_report import LoopOverTrace, TraceReport
 
 # A drift is more than chance from this number of standard errors on.
 _CLEAR = 3.0
@@ -20,8 +20,8 @@ _CLEAR = 3.0
 
 def ReportOnTrace(args: argparse.Namespace) -> int:
     """Reports on the delays in args.trace, and writes and prints the report."""
-    from teleop_drake.scenario import ARCHITECTURES
-    from teleop_drake.sweep.trace_report import ReportTrace
+    from teleop_drake.model.scenario import ARCHITECTURES
+    from teleop_drake.study.sweep.trace_report import ReportTrace
 
     with SweepProgress(args.quiet) as show:
         report = ReportTrace(
@@ -33,8 +33,8 @@ def ReportOnTrace(args: argparse.Namespace) -> int:
         )
     written = []
     if args.figure is not None:
-        from teleop_drake.figures.saving import SaveFigure
-        from teleop_drake.figures.trace_report import PlotTraceReport
+        from teleop_drake.loops.draw.saving import SaveFigure
+        from teleop_drake.study.figures.trace_report import PlotTraceReport
 
         SaveFigure(PlotTraceReport(report), args.figure)
         written.append(args.figure)

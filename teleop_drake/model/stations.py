@@ -16,19 +16,21 @@ from typing import Any
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
-from teleop_drake.blocks.architectures import (
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError
+from teleop_drake.loops.framework.wiring import Connections, OutputNames, Wire
+from teleop_drake.model.blocks.architectures import (
     Architecture,
     Facts,
 )
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, MakeLawArchitecture
-from teleop_drake.blocks.architectures.base import MakeSlaveStation as MakeSlaveStation
-from teleop_drake.blocks.architectures.own_law import FunctionLaw, Law
-from teleop_drake.blocks.environments import CONTACT, FindSurface, Surface
-from teleop_drake.blocks.systems.actuator import Actuator
-from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.scenario import Scenario
-from teleop_drake.validation import Refuse, ScenarioError
-from teleop_drake.wiring import Connections, OutputNames, Wire
+from teleop_drake.model.blocks.architectures.base import LAW_INPUTS, MakeLawArchitecture
+from teleop_drake.model.blocks.architectures.base import (
+    MakeSlaveStation as MakeSlaveStation,
+)
+from teleop_drake.model.blocks.architectures.own_law import FunctionLaw, Law
+from teleop_drake.model.blocks.environments import CONTACT, FindSurface, Surface
+from teleop_drake.model.blocks.systems.actuator import Actuator
+from teleop_drake.model.blocks.systems.sampled_sensor import SampledSensor
+from teleop_drake.model.scenario import Scenario
 
 
 def MakeMasterStation(

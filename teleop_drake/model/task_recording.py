@@ -8,18 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Record
-from teleop_drake.blocks.environments.surface import FindSurface, Surface
-from teleop_drake.recording import CheckRecording, ReadRecording, Recording
-from teleop_drake.scenario import (
+from teleop_drake.loops.framework.arrays import Array, Record
+from teleop_drake.loops.framework.signals import AxesOf
+from teleop_drake.loops.framework.surface import FindSurface, Surface
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.run.recording import (
+    CheckRecording,
+    ReadRecording,
+    Recording,
+)
+from teleop_drake.model.scenario import (
     AnyScenario,
     AsTeleoperation,
     Scenario,
     ScenarioFromYaml,
     ScenarioToYaml,
 )
-from teleop_drake.signals import AxesOf
-from teleop_drake.validation import Refuse
 
 
 @dataclass(kw_only=True, repr=False)

@@ -4,22 +4,27 @@ from collections.abc import Mapping, Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from teleop_drake.arrays import Names
-from teleop_drake.blocks.architectures import Architecture
-from teleop_drake.blocks.architectures.own_law import Law
-from teleop_drake.blocks.channels.fields import WithFieldDelays
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
-from teleop_drake.signals import NamedSignals
-from teleop_drake.stations import (
+from teleop_drake.loops.delays.fields import WithFieldDelays
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.arrays import Names
+from teleop_drake.loops.framework.signals import NamedSignals
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.blocks.architectures import Architecture
+from teleop_drake.model.blocks.architectures.own_law import Law
+from teleop_drake.model.blocks.environments import SurfacesOf
+from teleop_drake.model.scenario import (
+    AsTeleoperation,
+    CheckStart,
+    Scenario,
+    ScenarioLike,
+)
+from teleop_drake.model.stations import (
     AsChannel,
     CheckPorts,
     MakeArchitecture,
     MakeMasterStation,
     WithDrivesAndSensors,
 )
-from teleop_drake.validation import Refuse
 
 
 def MakeTeleoperator(

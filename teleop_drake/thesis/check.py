@@ -11,10 +11,10 @@ from collections.abc import Iterator, Sequence
 from importlib import resources
 from typing import NamedTuple
 
+from teleop_drake.loops.framework.validation import Choices, ScenarioError
 from teleop_drake.thesis.claims.claim import Row
 from teleop_drake.thesis.report import CLAIMS
 from teleop_drake.thesis.runs import ThesisRuns
-from teleop_drake.validation import Choices, ScenarioError
 
 TOLERANCE = 0.01
 """The relative difference that is allowed between a number and the published one."""

@@ -12,8 +12,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.figures.runs import SaveFigure
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.study.figures.runs import SaveFigure
 from teleop_drake.thesis import plots
 
 

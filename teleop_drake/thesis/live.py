@@ -8,8 +8,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from teleop_drake.page.page import MakePage
-from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.study.page.page import MakePage
 from teleop_drake.thesis.claims.claim import Claim
 
 _BONE_DAMPING = "environment.layers.bone.damping"

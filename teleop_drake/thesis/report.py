@@ -22,10 +22,11 @@ from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
-from teleop_drake.files import WriteText
-from teleop_drake.page.document import PackedData
-from teleop_drake.page.script import JoinModules, ReadPart
-from teleop_drake.sweep.folder import WriteCsv
+from teleop_drake.loops.framework.files import WriteText
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.page.document import PackedData
+from teleop_drake.loops.page.script import JoinModules, ReadPart
+from teleop_drake.study.sweep.folder import WriteCsv
 from teleop_drake.thesis.claims import (
     chapter3,
     chapter4,
@@ -37,7 +38,6 @@ from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Row
 from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
 from teleop_drake.thesis.live import FigureOf, Laboratory
 from teleop_drake.thesis.runs import ThesisRuns
-from teleop_drake.validation import Refuse
 
 FORMATS = ("png", "svg")
 """The default formats of figures."""

@@ -7,10 +7,10 @@ import shlex
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 Change = Mapping[str, Any]
 """Overrides of a scenario: values keyed by dotted path."""

@@ -18,7 +18,7 @@ from foreign.test_foreign import SYSTEMS
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
 from teleop_drake import Compile, simulate
-from teleop_drake.signals import SignalsOf
+from teleop_drake.loops.framework.signals import SignalsOf
 
 # Smooth systems without events of the kinds that there are: of Drake's own classes,
 # with a regulator, with a network, and MultibodyPlants.

@@ -8,9 +8,9 @@ from benchmarks.accuracy import Solve
 from independent_solver import Packets, Result
 from scipy.optimize import brentq
 
-from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.scenario import Scenario
+from teleop_drake.loops.delays import ChannelConfig
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.model.scenario import Scenario
 
 
 class _Variable(Result):

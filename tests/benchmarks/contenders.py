@@ -6,8 +6,8 @@ import numpy as np
 from benchmarks import accuracy, straightforward
 from benchmarks.straightforward import Solution
 
-from teleop_drake.scenario import LoadScenario, Scenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, Scenario
 
 # The loosest setting whose error stays below the target of the comparison.
 SCIPY_TOLERANCE = 1e-4

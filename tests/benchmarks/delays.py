@@ -100,7 +100,7 @@ def _PeakForce(name: str, task: str, delay: float, duration: float) -> float:
 def main(name: str, task: str, *rest: str) -> None:
     duration, delays = map(json.loads, rest)
     if name == PACKAGE[0]:
-        from teleop_drake.sweep import Sweep
+        from teleop_drake.study.sweep import Sweep
 
         overrides = {"controller.kind": CONTROLLER, "duration": duration}
         Sweep(task, {"delay": delays}, overrides=overrides)

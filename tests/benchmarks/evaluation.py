@@ -7,10 +7,10 @@ from benchmarks.comparison import CONTROLLER, DELAY, TARGETS
 from benchmarks.contenders import Load
 from benchmarks.measuring import Alternate, Options, Table
 
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.problem import EVALUATIONS
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.simulation import MakeDiagram
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.problem import EVALUATIONS
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.model.run.simulate import MakeDiagram
 
 
 def Measure(options: Options) -> list[Table]:

@@ -1,9 +1,9 @@
 """Copies of published systems: drawn, run, compiled, a page, and times.
 
 `python tests/benchmarks/published_systems.py` prints a row for each system of
-tests/foreign, or for those that are named. The last two columns say how many times as
-much processor time as a compiled run of 10 s Drake's Simulator takes: with its default
-settings, where the compiled run has the same accuracy, and with the same settings in
+tests/loops/foreign, or for those that are named. The last two columns say how many
+times as much processor time as a compiled run of 10 s Drake's Simulator takes: with its
+default settings, where the compiled run has the same accuracy, and with the same settings in
 both. They are ratios of medians of runs that take turns, to one significant digit.
 Compiling is not a part of it. A dash: Drake's run ends with an error.
 """
@@ -25,10 +25,10 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake import WritePage
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.figures.block_diagram import DiagramDot
+from teleop_drake.loops.draw.block_diagram import DiagramDot
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.run import CompiledRun
 
 DURATION = 10.0
 REPEATS = 7

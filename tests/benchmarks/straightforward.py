@@ -29,7 +29,7 @@ from pydrake.systems.primitives import (
 from surfaces import Border
 
 import teleop_drake
-from teleop_drake.scenario import Scenario
+from teleop_drake.model.scenario import Scenario
 
 MODELS = Path(teleop_drake.__file__).parent / "models"
 ELBOW = {"up": -1.0, "down": 1.0}

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from signal_delays import Conveyor, Square, TimeDelay, opposite
 
 from teleop_drake import simulate
-from teleop_drake.figures.saving import SaveFigure
-from teleop_drake.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.loops.draw.saving import SaveFigure
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 
 PICTURE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "two_delays.png"
 

@@ -14,11 +14,11 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-import teleop_drake.files
-import teleop_drake.scenario
-import teleop_drake.simulation
+import teleop_drake.loops.framework.files
+import teleop_drake.loops.run
+import teleop_drake.model.scenario
 from teleop_drake.cli import main
-from teleop_drake.scenario import (
+from teleop_drake.model.scenario import (
     CheckSteps,
     LoadScenario,
     ScenarioError,
@@ -110,7 +110,7 @@ def RunMain(argv):
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
     ):
-        patch.setattr(teleop_drake.simulation, "simulate", start)
+        patch.setattr(teleop_drake.loops.run, "simulate", start)
         exit_code = main(argv)
     return exit_code, out.getvalue(), err.getvalue()
 
@@ -260,7 +260,7 @@ def test_base_60_is_no_number_in_a_file(number, tmp_path):
 
 
 def test_a_file_without_an_end_is_refused(monkeypatch):
-    monkeypatch.setattr(teleop_drake.files, "_MAX_BYTES", 1000)
+    monkeypatch.setattr(teleop_drake.loops.framework.files, "_MAX_BYTES", 1000)
     for command in ("show", "check"):
         code, out, err = RunMain([command, "/dev/zero"])
         AssertBadInput(code, out, err)

@@ -11,15 +11,15 @@ from pathlib import Path
 import pytest
 
 import teleop_drake
-import teleop_drake.simulation
-from teleop_drake.blocks.environments import layered_force_field
-from teleop_drake.blocks.environments.kinds import ENVIRONMENT_KINDS
-from teleop_drake.blocks.operators import OPERATOR_KINDS
-from teleop_drake.blocks.robots import ROBOT_KINDS
+import teleop_drake.loops.run
 from teleop_drake.cli import main
 from teleop_drake.cli.main import MakeParser
 from teleop_drake.cli.options import ControllersOf
-from teleop_drake.scenario import (
+from teleop_drake.model.blocks.environments import layered_force_field
+from teleop_drake.model.blocks.environments.kinds import ENVIRONMENT_KINDS
+from teleop_drake.model.blocks.operators import OPERATOR_KINDS
+from teleop_drake.model.blocks.robots import ROBOT_KINDS
+from teleop_drake.model.scenario import (
     ARCHITECTURES,
     CONTROLLERS,
     TRACKING_CONTROLLERS,
@@ -27,7 +27,7 @@ from teleop_drake.scenario import (
     ScenarioNames,
     ScenarioToYaml,
 )
-from teleop_drake.task_recording import LoadRecording
+from teleop_drake.model.task_recording import LoadRecording
 
 pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
@@ -302,7 +302,7 @@ def test_diagram(capsys):
 @pytest.fixture
 def interrupted(monkeypatch):
     """Makes simulate() return what it had when Ctrl-C came."""
-    simulate = teleop_drake.simulation.simulate
+    simulate = teleop_drake.model.run.simulate
 
     def interrupted_simulate(scenario, progress=None, engine="drake"):
         recording = simulate(scenario)
@@ -310,7 +310,7 @@ def interrupted(monkeypatch):
             recording, termination="interrupted", reason="interrupted by the user"
         )
 
-    monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupted_simulate)
+    monkeypatch.setattr(teleop_drake.loops.run, "simulate", interrupted_simulate)
 
 
 @pytest.mark.slow
@@ -342,9 +342,9 @@ def test_compare_values(capsys):
 
 
 def test_a_run_that_comes_no_further_ends_with_its_reason(capsys, monkeypatch):
-    monkeypatch.setattr("teleop_drake.simulation.run._MOST_STEPS", 3000)
-    monkeypatch.setattr("teleop_drake.simulation.run._STRETCH", 30)
-    monkeypatch.setattr("teleop_drake.engine.run._ROOM", 30)
+    monkeypatch.setattr("teleop_drake.loops.run.run._MOST_STEPS", 3000)
+    monkeypatch.setattr("teleop_drake.loops.run.run._STRETCH", 30)
+    monkeypatch.setattr("teleop_drake.loops.engine.run._ROOM", 30)
     stiff = ["--set", "controller.adaptation_rate=1e8", "--duration", "1"]
     assert main(["run", "two_dof_combined", "--quiet", *stiff]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -415,7 +415,7 @@ def test_an_interrupt_is_one_also_if_machine_code_made_another_error_of_it(
             raise KeyboardInterrupt
         raise error("initialization failed") from KeyboardInterrupt()
 
-    monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupt)
+    monkeypatch.setattr(teleop_drake.loops.run, "simulate", interrupt)
     assert main(["run", "one_dof", "--json", "a.json"]) == 130
     assert capsys.readouterr().err == "teleop-drake: error: interrupted\n"
     assert os.listdir() == []
@@ -441,7 +441,7 @@ def no_simulation(monkeypatch):
     def fail(*args, **kwargs):
         pytest.fail("a simulation was started")
 
-    monkeypatch.setattr(teleop_drake.simulation, "simulate", fail)
+    monkeypatch.setattr(teleop_drake.loops.run, "simulate", fail)
 
 
 @pytest.mark.parametrize(
@@ -492,7 +492,7 @@ def test_failed_write_leaves_nothing(monkeypatch, capsys):
     def full(path, *args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("teleop_drake.files.os.replace", full)
+    monkeypatch.setattr("teleop_drake.loops.framework.files.os.replace", full)
     assert main(["run", "one_dof", *SHORT, "--json", "a.json"]) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert os.listdir() == ["a.json"]

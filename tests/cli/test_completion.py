@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.scenario import ARCHITECTURES, ScenarioNames
+from teleop_drake.model.scenario import ARCHITECTURES, ScenarioNames
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 import teleop_drake
 from teleop_drake.cli import main
 from teleop_drake.cli.site import PAGES, Site, _CellHtml
-from teleop_drake.figures.notebook import ShowTable
+from teleop_drake.study.figures.notebook import ShowTable
 
 
 def Broken(folder: Path) -> list[str]:
@@ -141,7 +141,7 @@ def test_the_site(tmp_path, capsys):
     options = ["--parts", "live,api", "--quiet"]
     assert main(["docs", "--out", str(site), *options]) == 0
     assert capsys.readouterr().out == f"{site / 'index.html'}\n"
-    laws = (site / "api/teleop_drake/laws/backstepping.html").read_text("utf-8")
+    laws = (site / "api/teleop_drake/model/laws/backstepping.html").read_text("utf-8")
     assert "5.31" in laws and 'href="../../../index.html"' in laws
     pages = (site / "stability.html").read_text("utf-8")
     assert "<table>" in pages and 'href="index.html"' in pages

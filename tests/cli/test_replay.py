@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scene_recordings import MakeRecording
 
-import teleop_drake.figures.runs
+import teleop_drake.study.figures.runs
 from teleop_drake.cli import main
 from teleop_drake.cli.commands import compare, replay, run
 
@@ -61,7 +61,9 @@ def test_run_and_compare_write_a_page(monkeypatch, capsys):
             command, "Simulate", lambda x, *_: MakeRecording(kind=x.controller.kind)
         )
     for name in ("PlotComparison", "SaveFigure"):  # Tested elsewhere, and slow.
-        monkeypatch.setattr(teleop_drake.figures.runs, name, lambda *_, **options: None)
+        monkeypatch.setattr(
+            teleop_drake.study.figures.runs, name, lambda *_, **options: None
+        )
     short = ["one_dof", "--html", "scene.html"]
     assert main(["run", *short]) == 0
     assert "Written: scene.html" in capsys.readouterr().out

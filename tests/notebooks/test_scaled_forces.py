@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scaled_forces import ScaleForces
 
-from teleop_drake.blocks.robots.slider import SliderConfig
-from teleop_drake.scenario import (
+from teleop_drake.model.blocks.robots.slider import SliderConfig
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     ARCHITECTURES,
     LoadScenario,
     ScenarioError,
 )
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 # Fast enough that what is learned matters: with one rate for all three laws the tool
 # does not even come back from the bone.

@@ -6,11 +6,11 @@ from block_checks import backstepping_rate
 from grids import Slow
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from teleop_drake.laws.backstepping import (
+from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
 )
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.thesis.claims.learning import (
     INSIDE,
     PathDistance,

@@ -9,9 +9,9 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from teleop_drake.laws.backstepping import BacksteppingGains, unpack_state
-from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.laws.backstepping import BacksteppingGains, unpack_state
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork, gaussian_functions
+from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Found
 from teleop_drake.thesis.claims.separate_updates import SeparateRate
 from teleop_drake.thesis.report import CLAIMS

@@ -6,8 +6,8 @@ import pytest
 from grids import Slow
 
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.tasks.metrics import RunSentence
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunSentence
 from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.live import SLIDERS, FigureOf
 from teleop_drake.thesis.report import CLAIMS

@@ -3,8 +3,8 @@ import dataclasses
 import pytest
 
 import teleop_drake.thesis.runs
-from teleop_drake.scenario import ScenarioError
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import ScenarioError
 from teleop_drake.thesis.runs import ThesisRuns
 
 SHORT = {"duration": 0.3}

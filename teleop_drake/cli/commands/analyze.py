@@ -11,13 +11,13 @@ from teleop_drake.cli.delay_maps import MapDelays, MapTable
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.validation import Refuse
 
 if TYPE_CHECKING:
-    from teleop_drake.analysis.point_stability import PointStability
-    from teleop_drake.analysis.stability import StabilityAnalysis
-    from teleop_drake.analysis.stability_chart import StabilityChart
-    from teleop_drake.analysis.transparency import Transparency
+    from teleop_drake.study.analysis.point_stability import PointStability
+    from teleop_drake.study.analysis.stability import StabilityAnalysis
+    from teleop_drake.study.analysis.stability_chart import StabilityChart
+    from teleop_drake.study.analysis.transparency import Transparency
 
 # Limits of resolution below this, in rad/s, are not reported.
 _LEAST_UNRESOLVED = 1e-3
@@ -94,10 +94,10 @@ _UNITS = {
 
 def Execute(args: argparse.Namespace) -> int:
     """Prints delay margins, stability and transparency, and draws them."""
-    from teleop_drake.analysis.loop import Linearizer
-    from teleop_drake.analysis.stability import AnalyzeStability
-    from teleop_drake.analysis.stability_chart import ChartStability
-    from teleop_drake.analysis.transparency import AnalyzeTransparency
+    from teleop_drake.study.analysis.loop import Linearizer
+    from teleop_drake.study.analysis.stability import AnalyzeStability
+    from teleop_drake.study.analysis.stability_chart import ChartStability
+    from teleop_drake.study.analysis.transparency import AnalyzeTransparency
 
     scenario = options.Load(args)
     key, values = _VariedNumber(args.vary)
@@ -162,8 +162,8 @@ def _Draw(
     chart: "StabilityChart | None",
 ) -> None:
     """Writes the figures, the chart last."""
-    from teleop_drake.figures import analysis as figures
-    from teleop_drake.figures.runs import SaveFigure
+    from teleop_drake.study.figures import analysis as figures
+    from teleop_drake.study.figures.runs import SaveFigure
 
     made = [
         figures.PlotBode(analysis),
@@ -183,7 +183,7 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
     """Returns the key and the values of `analyze --vary`; without it, no key."""
     if item is None:
         return "", []
-    from teleop_drake.sweep import ParseValues, SweepError
+    from teleop_drake.study.sweep import ParseValues, SweepError
 
     path, text = options.SplitVary(item, "PATH=START:STOP:COUNT")
     try:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import DONE, FAILED
 from teleop_drake.cli.progress import Notice
-from teleop_drake.validation import CheckChoice
+from teleop_drake.loops.framework.validation import CheckChoice
 
 if TYPE_CHECKING:
     from teleop_drake.cli.reference_runs import Difference

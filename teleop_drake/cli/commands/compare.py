@@ -9,12 +9,12 @@ from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.cli.tables import MAX_COLUMNS, Headline, SeedsTable, Table
-from teleop_drake.files import FileStem
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.files import FileStem
+from teleop_drake.loops.framework.validation import Refuse
 
 if TYPE_CHECKING:
-    from teleop_drake.sweep import SweepPlan
-    from teleop_drake.task_recording import TaskRecording
+    from teleop_drake.model.task_recording import TaskRecording
+    from teleop_drake.study.sweep import SweepPlan
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +38,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Compares a scenario's controllers, or values of its fields."""
-    from teleop_drake.scenario.overrides import ParseOverrides
-    from teleop_drake.sweep import PlanSweep
-    from teleop_drake.tasks import TaskOf
+    from teleop_drake.model.scenario.overrides import ParseOverrides
+    from teleop_drake.model.tasks import TaskOf
+    from teleop_drake.study.sweep import PlanSweep
 
     compared = list(TaskOf(options.Load(args)).controllers)
     if not compared:
@@ -83,8 +83,8 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     figure_paths = paths[: len(formats)]
     recording_paths = paths[len(formats) :]
 
-    from teleop_drake.figures.runs import PlotComparison, SaveFigure
-    from teleop_drake.tasks.metrics import RunSummary
+    from teleop_drake.model.tasks.metrics import RunSummary
+    from teleop_drake.study.figures.runs import PlotComparison, SaveFigure
 
     recordings: dict[str, TaskRecording] = {}
     for scenario, label, path in zip(
@@ -99,7 +99,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     shown = {label.replace("_", " "): x for label, x in recordings.items()}
     SaveFigure(PlotComparison(shown, **drawing), *figure_paths)
     if args.html is not None:
-        from teleop_drake.figures.scene import MakeReplay
+        from teleop_drake.study.figures.scene import MakeReplay
 
         MakeReplay(shown).Save(args.html)
     texts = [Table(recordings, records, is_verbose=args.verbose)]
@@ -118,7 +118,7 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
     If other fields vary but the controller does not, labels omit the controller, which
     the headlines show.
     """
-    from teleop_drake.figures.labels import LabelOfValue
+    from teleop_drake.study.figures.labels import LabelOfValue
 
     has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
     names = {}
@@ -144,9 +144,9 @@ def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
         args.out, *(f"{stem}.{suffix}" for suffix in options.FormatsOf(args))
     )
 
-    from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweeps import PlotSweep
-    from teleop_drake.sweep import Execution, RunSweep, WriteTables
+    from teleop_drake.study.figures.runs import SaveFigure
+    from teleop_drake.study.figures.sweeps import PlotSweep
+    from teleop_drake.study.sweep import Execution, RunSweep, WriteTables
 
     with SweepProgress(args.quiet) as show:
         result = RunSweep(plan, Execution(progress=show))

@@ -32,7 +32,7 @@ def Complete(parser: Any) -> None:
     import argcomplete
 
     completers = {
-        "scenario": lambda **_: FilesIn("scenarios"),
+        "scenario": lambda **_: FilesIn("model/scenarios"),
         "controller": lambda **_: KindsOf("architectures"),
         "controllers": lambda **_: [*KindsOf("architectures"), "all"],
     }

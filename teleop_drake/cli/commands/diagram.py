@@ -4,7 +4,7 @@ import argparse
 
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
 from teleop_drake.cli.options import AddScenarioOptions, Load, MakerOf
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.validation import Refuse
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -30,8 +30,8 @@ def Execute(args: argparse.Namespace) -> int:
     """Draws the diagram of a scenario, or the one that a function makes."""
     if args.depth < 0:
         Refuse("--depth", args.depth, "0 or positive")
-    from teleop_drake.figures.block_diagram import DiagramDot, WriteDiagram
-    from teleop_drake.simulation import MakeDiagram
+    from teleop_drake.loops.draw.block_diagram import DiagramDot, WriteDiagram
+    from teleop_drake.model.run.simulate import MakeDiagram
 
     maker = MakerOf(args)
     diagram = MakeDiagram(Load(args)) if maker is None else maker()

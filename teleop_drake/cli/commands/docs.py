@@ -8,7 +8,7 @@ from teleop_drake.cli.options import NAMES
 from teleop_drake.cli.output import PrepareFolder
 from teleop_drake.cli.progress import Notice, TellLine
 from teleop_drake.cli.site import PAGES, PARTS, Site, Title
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.loops.framework.validation import CheckChoice, Refuse
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:

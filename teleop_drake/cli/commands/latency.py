@@ -8,13 +8,13 @@ from teleop_drake.cli import output
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
 from teleop_drake.cli.options import Names
 from teleop_drake.cli.tables import Align
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.validation import ScenarioError, Show
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from teleop_drake.analysis.latency import Latency
-    from teleop_drake.tables import Table
+    from teleop_drake.loops.linear.latency import Latency
+    from teleop_drake.loops.tables import Table
 
 # The names of the lags by their order, in sentences.
 # Hidden packets are told if they are more than this share of the losses.
@@ -146,8 +146,8 @@ def _RefuseOptions(
 
 
 def _EstimateLatency(args: argparse.Namespace) -> int:
-    from teleop_drake.analysis.latency import EstimateLatency
-    from teleop_drake.tables import ReadTable
+    from teleop_drake.loops.linear.latency import EstimateLatency
+    from teleop_drake.loops.tables import ReadTable
 
     table = ReadTable("FILE", args.file)
     command = table.Find(args.command_column)
@@ -169,7 +169,7 @@ def _EstimateLatency(args: argparse.Namespace) -> int:
 def _CheckFigure(file: str | None) -> None:
     if file is None:
         return
-    from teleop_drake.files import FIGURE_FORMATS
+    from teleop_drake.loops.framework.files import FIGURE_FORMATS
 
     if Path(file).suffix.removeprefix(".") not in FIGURE_FORMATS:
         raise BadInput(f"--figure = {file!r}: must end in .png, .svg or .pdf")
@@ -182,7 +182,7 @@ def _Times(table: "Table", args: argparse.Namespace) -> "np.ndarray":
     Raises:
         ScenarioError: If the column of the times, or its unit, is not clear.
     """
-    from teleop_drake.tables.headers import IsTime, ParseHeader
+    from teleop_drake.loops.tables.headers import IsTime, ParseHeader
 
     found = [name for name in table.names if IsTime(ParseHeader(name).key)]
     if args.time is not None:
@@ -206,13 +206,13 @@ def _Write(args: argparse.Namespace, latency: "Latency") -> list[str]:
     """Writes trace and figure; returns their names."""
     written = []
     if args.out is not None and latency.delay is not None:
-        from teleop_drake.blocks.channels.trace import WriteTrace
+        from teleop_drake.loops.delays.trace import WriteTrace
 
         WriteTrace(args.out, *latency.Trace())
         written.append(args.out)
     if args.figure is not None:
-        from teleop_drake.figures.latency import PlotLatency
-        from teleop_drake.figures.saving import SaveFigure
+        from teleop_drake.loops.draw.saving import SaveFigure
+        from teleop_drake.study.figures.latency import PlotLatency
 
         SaveFigure(PlotLatency(latency), args.figure)
         written.append(args.figure)

@@ -27,7 +27,8 @@ def KindsOf(seam: str) -> list[str]:
     They are read from the source texts, because to import these takes a second.
     """
     sources = [
-        x.read_text("utf-8") for x in sorted((_PACKAGE / "blocks" / seam).glob("*.py"))
+        x.read_text("utf-8")
+        for x in sorted((_PACKAGE / "model" / "blocks" / seam).glob("*.py"))
     ]
     return re.findall(r'^    kind = "(\w+)"$', "\n".join(sources), re.MULTILINE)
 
@@ -37,7 +38,7 @@ def Execute(args: argparse.Namespace) -> int:
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    scenarios = FilesIn("scenarios")
+    scenarios = FilesIn("model/scenarios")
     width = max(map(len, scenarios))
     print("Scenarios")
     for name, file in scenarios.items():
@@ -45,7 +46,7 @@ def Execute(args: argparse.Namespace) -> int:
         print(f"  {name:<{width}} {tree['title']}. {tree['description']}")
     others = [kind for kind in KindsOf("architectures") if kind not in _OF_THE_THESIS]
     for title, names in {
-        "Studies": FilesIn("studies"),
+        "Studies": FilesIn("study/studies"),
         "Controllers": _OF_THE_THESIS,
         "Other architectures": others,
         "Environments": KindsOf("environments"),

@@ -6,7 +6,7 @@ from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
 from teleop_drake.cli.output import CheckHtml, OpenInBrowser
 from teleop_drake.cli.progress import TellLine
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.validation import Refuse
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -46,8 +46,8 @@ def Execute(args: argparse.Namespace) -> int:
         options.Load(args, is_run=True)
     kinds = options.ControllersOf(args)
 
-    from teleop_drake.engine.flatten import UnsupportedSystem
-    from teleop_drake.page.page import MakePage
+    from teleop_drake.loops.engine.flatten import UnsupportedSystem
+    from teleop_drake.study.page.page import MakePage
 
     try:
         page = MakePage(
@@ -75,7 +75,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _Duration(text: str | None) -> float:
     """Returns the duration of a diagram's runs, s."""
-    from teleop_drake.page.diagram_page import DURATION
+    from teleop_drake.loops.page.diagram_page import DURATION
 
     try:
         return DURATION if text is None else float(text)

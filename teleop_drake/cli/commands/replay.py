@@ -8,10 +8,10 @@ from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.output import CheckHtml, OpenInBrowser
 from teleop_drake.cli.progress import Simulate
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.validation import Refuse
 
 if TYPE_CHECKING:
-    from teleop_drake.task_recording import TaskRecording
+    from teleop_drake.model.task_recording import TaskRecording
 
 _MAX_SHOWN = 4
 """The largest number of runs on a page; more would be too small to be seen."""
@@ -58,7 +58,7 @@ def Execute(args: argparse.Namespace) -> int:
     if is_interrupted and args.out is None:
         return INTERRUPTED
 
-    from teleop_drake.figures.scene import MakeReplay
+    from teleop_drake.study.figures.scene import MakeReplay
 
     replay = MakeReplay(recordings)
     if args.out is None:
@@ -86,7 +86,7 @@ def _Simulated(args: argparse.Namespace) -> "dict[str, TaskRecording]":
 
 def _FromFiles(args: argparse.Namespace) -> "dict[str, TaskRecording]":
     """Returns recordings by controller, or by file if two have the same controller."""
-    from teleop_drake.task_recording import CheckTaskRecording, LoadRecording
+    from teleop_drake.model.task_recording import CheckTaskRecording, LoadRecording
 
     for option in (*options.OVERRIDES, "controllers", "set"):
         value = getattr(args, option, None)

@@ -6,7 +6,7 @@ from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
-from teleop_drake.files import FileStem
+from teleop_drake.loops.framework.files import FileStem
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -44,15 +44,15 @@ def Execute(args: argparse.Namespace) -> int:
         *(f"{stem}.{suffix}" for suffix in formats),
     )
 
-    from teleop_drake.tasks.metrics import RunSummary
+    from teleop_drake.model.tasks.metrics import RunSummary
 
     # Files are written on request only.
     recording = Simulate(scenario, args.quiet, args.engine)
     record = RunSummary(recording)
     written = []
     if args.out is not None:
-        from teleop_drake.figures.network import Networks, PlotNetwork
-        from teleop_drake.figures.runs import PlotRun, SaveFigure
+        from teleop_drake.study.figures.network import Networks, PlotNetwork
+        from teleop_drake.study.figures.runs import PlotRun, SaveFigure
 
         recording.Save(recording_path)
         output.WriteText(summary_path, output.ToJson(record))
@@ -63,7 +63,7 @@ def Execute(args: argparse.Namespace) -> int:
             SaveFigure(PlotNetwork(recording, columns=args.columns), *paths)
             written += paths
     if args.html is not None:
-        from teleop_drake.figures.scene import MakeReplay
+        from teleop_drake.study.figures.scene import MakeReplay
 
         MakeReplay(recording).Save(args.html)
         written.append(args.html)

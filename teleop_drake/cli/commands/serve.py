@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from teleop_drake.cli import options, output
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.validation import Refuse
 
 
 class _MakeKey(argparse.Action):
@@ -19,7 +19,7 @@ class _MakeKey(argparse.Action):
         file: Any,
         option: str | None = None,
     ) -> None:
-        from teleop_drake.link.packets import NewKey
+        from teleop_drake.study.link.packets import NewKey
 
         try:
             NewKey(file)
@@ -64,8 +64,8 @@ def Execute(args: argparse.Namespace) -> int:
     summary, log = output.PrepareFolder(args.out, f"{name}.json", f"{name}_log.csv")
     has_folder = args.out is not None
 
-    from teleop_drake.link.remote import OperateRemotely, ServeRobot
-    from teleop_drake.link.side import Say
+    from teleop_drake.study.link.remote import OperateRemotely, ServeRobot
+    from teleop_drake.study.link.side import Say
 
     run = partial(OperateRemotely, connect=args.address)
     if is_robot:
@@ -79,7 +79,7 @@ def Execute(args: argparse.Namespace) -> int:
         log_file=log if has_folder else None,
     )
 
-    from teleop_drake.link.prediction import SaveRun
+    from teleop_drake.study.link.prediction import SaveRun
 
     report = SaveRun(side, summary.parent) if has_folder else side.Report()
     if has_folder:

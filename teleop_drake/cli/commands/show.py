@@ -7,7 +7,7 @@ from teleop_drake.cli.options import AddScenarioOptions, Load, OverridesOf
 from teleop_drake.cli.progress import Notice
 
 if TYPE_CHECKING:
-    from teleop_drake.scenario import AnyScenario
+    from teleop_drake.model.scenario import AnyScenario
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -29,9 +29,9 @@ def Execute(args: argparse.Namespace) -> int:
     if args.netem:
         print("\n".join(_NetemLines(Load(args))))
         return 0
-    from teleop_drake.scenario import ScenarioToYaml
-    from teleop_drake.scenario.loading import ReadScenario
-    from teleop_drake.scenario.yaml_text import DumpYaml
+    from teleop_drake.model.scenario import ScenarioToYaml
+    from teleop_drake.model.scenario.loading import ReadScenario
+    from teleop_drake.model.scenario.yaml_text import DumpYaml
 
     tree, own = ReadScenario(args.scenario, OverridesOf(args, imports=False))
     if not own:
@@ -48,7 +48,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _NetemLines(scenario: "AnyScenario") -> list[str]:
     """Returns the command of each channel, and what netem cannot do, as comments."""
-    from teleop_drake.tasks import TaskOf
+    from teleop_drake.model.tasks import TaskOf
 
     lines = []
     for name, channel in TaskOf(scenario).Channels(scenario).items():

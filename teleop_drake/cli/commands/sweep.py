@@ -26,10 +26,10 @@ from teleop_drake.cli.progress import Notice, SweepProgress
 from teleop_drake.cli.tables import SeedsTable, SweepTable
 
 if TYPE_CHECKING:
-    from teleop_drake.figures.sweep_grid import SweepGrid
-    from teleop_drake.figures.sweep_maps import Boundaries
-    from teleop_drake.sweep import SweepPlan, TaskSweepResult
-    from teleop_drake.sweep.study import Study
+    from teleop_drake.study.figures.sweep_grid import SweepGrid
+    from teleop_drake.study.figures.sweep_maps import Boundaries
+    from teleop_drake.study.sweep import SweepPlan, TaskSweepResult
+    from teleop_drake.study.sweep.study import Study
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -90,7 +90,7 @@ _OF_A_SCENARIO = (
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates all runs of a sweep or a study, and draws them."""
-    from teleop_drake.sweep import SelectMetrics
+    from teleop_drake.study.sweep import SelectMetrics
 
     if args.jobs is not None and args.dask is not None:
         raise BadInput("--jobs: must be left out with --dask, which has workers")
@@ -120,7 +120,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, TaskSweepResult]":
     """Runs the sweeps of a study; returns their results, keyed by sweep."""
-    from teleop_drake.sweep import Execution, RunSweeps
+    from teleop_drake.study.sweep import Execution, RunSweeps
 
     progress = "no runs"
 
@@ -156,7 +156,7 @@ def StudyOf(args: argparse.Namespace) -> "Study":
     Raises:
         BadInput: If a study is given with an option whose place its keys take.
     """
-    from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
+    from teleop_drake.study.sweep.study import IsStudy, LoadStudy, Study
 
     if not IsStudy(args.scenario):
         return Study(plans={"": PlanOf(args)}, metrics=args.metrics)
@@ -169,10 +169,10 @@ def StudyOf(args: argparse.Namespace) -> "Study":
 
 def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     """Returns the plan of a scenario's sweep; seeds vary fastest, then the delays."""
-    from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
-    from teleop_drake.scenario.overrides import ParseOverrides
-    from teleop_drake.sweep import PlanSweep
-    from teleop_drake.tasks import TaskOf
+    from teleop_drake.model.scenario import CONTROLLERS, LoadScenario, ScenarioError
+    from teleop_drake.model.scenario.overrides import ParseOverrides
+    from teleop_drake.model.tasks import TaskOf
+    from teleop_drake.study.sweep import PlanSweep
 
     delays = [
         (key, getattr(args, key))
@@ -204,7 +204,7 @@ def _Report(
     is_separate: bool,
 ) -> str:
     """Draws a sweep; returns a text with its results and the written files."""
-    from teleop_drake.sweep import VariesSeedsOnly
+    from teleop_drake.study.sweep import VariesSeedsOnly
 
     figures, note = _Draw(result, metrics, folder, plan, formats, is_separate)
     statuses = [record["status"] for record in result.records]
@@ -243,7 +243,7 @@ def _Drawing() -> Iterator[Callable[[Callable[[], str]], str]]:
     if sys.platform != "linux" or threading.active_count() > 1:
         yield lambda call: call()
         return
-    from teleop_drake.sweep.workers import Worker
+    from teleop_drake.study.sweep.workers import Worker
 
     with warnings.catch_warnings():
         # Python 3.12 warns about threads of any kind; those of BLAS survive a fork.
@@ -261,7 +261,7 @@ def _PrepareToDraw() -> None:
 
     from matplotlib.figure import Figure
 
-    import teleop_drake.figures.sweeps  # noqa: F401
+    import teleop_drake.study.figures.sweeps  # noqa: F401
 
     figure = Figure(figsize=(1, 1))
     figure.text(0, 0, r"$\mathdefault{0.1}$")
@@ -277,9 +277,9 @@ def _Draw(
     is_separate: bool,
 ) -> tuple[list[Path], str]:
     """Draws the metrics; returns the files, and a note on what could not be drawn."""
-    from teleop_drake.figures.saving import SaveFigure
-    from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
-    from teleop_drake.figures.sweeps import PlotSweep
+    from teleop_drake.loops.draw.saving import SaveFigure
+    from teleop_drake.study.figures.sweep_grid import MAX_PANELS, SweepGrid
+    from teleop_drake.study.figures.sweeps import PlotSweep
 
     metrics = list(names) or result.Metrics()
     # Curves of the metrics, in one figure or in one for each metric.
@@ -295,7 +295,7 @@ def _Draw(
     note = ""
     # With two varied fields, maps too, with the stability boundaries of the analysis.
     if grid.has_two_keys:
-        from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
+        from teleop_drake.study.figures.sweep_maps import PlotMap, PlotStability
 
         boundaries, note = _Boundaries(grid, plan)
         figures["stability"] = PlotStability(result, boundaries)
@@ -315,7 +315,7 @@ def _Boundaries(grid: "SweepGrid", plan: "SweepPlan") -> tuple["Boundaries", str
     If the analysis is not possible, there are no boundaries, and the note has the
     reason.
     """
-    from teleop_drake.sweep.boundary import FindBoundaries
+    from teleop_drake.study.sweep.boundary import FindBoundaries
 
     try:
         found = [

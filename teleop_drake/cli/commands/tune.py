@@ -12,8 +12,8 @@ from teleop_drake.cli.progress import Notice, SweepProgress
 from teleop_drake.cli.tables import Align
 
 if TYPE_CHECKING:
-    from teleop_drake.sweep.study import Study
-    from teleop_drake.sweep.tuning import TuningResult
+    from teleop_drake.study.sweep.study import Study
+    from teleop_drake.study.sweep.tuning import TuningResult
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -77,9 +77,9 @@ def Execute(args: argparse.Namespace) -> int:
     if args.controller is None:
         raise BadInput("--controller: must name what is tuned")
     CheckJson(args.json)
-    from teleop_drake.sweep import Execution
-    from teleop_drake.sweep.study import IsStudy
-    from teleop_drake.sweep.tuning import PlanTuning, RunTuning
+    from teleop_drake.study.sweep import Execution
+    from teleop_drake.study.sweep.study import IsStudy
+    from teleop_drake.study.sweep.tuning import PlanTuning, RunTuning
 
     controller = args.controller
     if IsStudy(args.scenario):  # It defines all but the controller.
@@ -121,7 +121,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _HeldOut(items: list[str]) -> "Study | dict[str, str]":
     """Returns the study of the held-out runs, or their values keyed by path."""
-    from teleop_drake.sweep.study import IsStudy, LoadStudy
+    from teleop_drake.study.sweep.study import IsStudy, LoadStudy
 
     if len(items) == 1 and IsStudy(items[0]):
         return LoadStudy(items[0])
@@ -153,7 +153,7 @@ def _HeldOutTable(result: "TuningResult") -> str:
     Mean and largest value are those over the bounded runs: these reach their end and
     have every metric.
     """
-    from teleop_drake.tasks.metrics import MetricUnits
+    from teleop_drake.model.tasks.metrics import MetricUnits
 
     units: dict[str, str] = {}
     for sweep in result.plan.held_out.values():

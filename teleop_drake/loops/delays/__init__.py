@@ -1,5 +1,5 @@
 """The communication between the stations: a file for each kind of channel."""
 
-from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
+from teleop_drake.loops.delays.base import ChannelConfig, ConstantDelay
 
 __all__ = ["ChannelConfig", "ConstantDelay"]

@@ -5,16 +5,16 @@ from typing import Any
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
-from teleop_drake.blocks.channels.base import SHORTEST_TIME, CheckDelay
-from teleop_drake.blocks.channels.sampled import (
+from teleop_drake.loops.delays.base import SHORTEST_TIME, CheckDelay
+from teleop_drake.loops.delays.sampled import (
     MAX_PACKETS,
     DeclareDeliveries,
     ShownAfter,
 )
-from teleop_drake.kernel import Delay
-from teleop_drake.kernel.events import Weakly
-from teleop_drake.kernel.packet_line import PacketLine
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.loops.kernel import Delay
+from teleop_drake.loops.kernel.events import Weakly
+from teleop_drake.loops.kernel.packet_line import PacketLine
 
 
 class AbstractDelay(LeafSystem):

@@ -10,11 +10,11 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.channels.netem import Netem
-from teleop_drake.kernel import Delay, FixedBlock, Kernel
-from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import CheckNumber, Config, Refuse
+from teleop_drake.loops.delays.netem import Netem
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import KindConfig
+from teleop_drake.loops.framework.validation import CheckNumber, Config, Refuse
+from teleop_drake.loops.kernel import Delay, FixedBlock, Kernel
 
 SHORTEST_TIME = 1e-6
 """Shortest non-zero delay and sample period in s. No step of a simulation is longer

@@ -6,11 +6,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Demultiplexer
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.base import CheckedInterval, CheckSize
-from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
-from teleop_drake.validation import CheckNumber, Refuse
-from teleop_drake.wiring import Wire
+from teleop_drake.loops.delays.base import CheckedInterval, CheckSize
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.loops.kernel import Delay, FixedBlock, Kernel, Transition
 
 # A conveyor stands when its speed is less than this share of its length per second.
 _STANDING = 1e-9

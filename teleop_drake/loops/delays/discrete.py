@@ -7,11 +7,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, DiscreteTimeDelay
 
-from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
-from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
-from teleop_drake.numerics.instants import TIE
-from teleop_drake.validation import Config, Refuse
-from teleop_drake.wiring import Wire
+from teleop_drake.loops.delays.base import ChannelConfig, ConstantDelay
+from teleop_drake.loops.delays.sampled import CheckSamplePeriod
+from teleop_drake.loops.framework.validation import Config, Refuse
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.loops.numerics.instants import TIE
 
 
 @Config

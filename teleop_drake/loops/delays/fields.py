@@ -7,10 +7,10 @@ from typing import Any
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.arrays import Names
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.validation import CheckChoice, Refuse
-from teleop_drake.wiring import Wire
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.arrays import Names
+from teleop_drake.loops.framework.validation import CheckChoice, Refuse
+from teleop_drake.loops.framework.wiring import Wire
 
 
 def WithFieldDelays(

@@ -1,18 +1,18 @@
 """The kinds of channels that a scenario can name."""
 
-from teleop_drake.blocks.channels.base import ChannelConfig
-from teleop_drake.blocks.channels.discrete import DiscreteChannelConfig
-from teleop_drake.blocks.channels.named_networks import (
+from teleop_drake.loops.delays.base import ChannelConfig
+from teleop_drake.loops.delays.discrete import DiscreteChannelConfig
+from teleop_drake.loops.delays.named_networks import (
     GeoSatelliteChannelConfig,
     LeoSatelliteChannelConfig,
     LteChannelConfig,
     WifiChannelConfig,
 )
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.sampled import SampledChannelConfig
-from teleop_drake.blocks.channels.transport import TransportChannelConfig
-from teleop_drake.blocks.channels.variable import VariableChannelConfig
-from teleop_drake.kinds import KindTable
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.sampled import SampledChannelConfig
+from teleop_drake.loops.delays.transport import TransportChannelConfig
+from teleop_drake.loops.delays.variable import VariableChannelConfig
+from teleop_drake.loops.framework.kinds import KindTable
 
 CHANNEL_KINDS = KindTable(
     ChannelConfig,

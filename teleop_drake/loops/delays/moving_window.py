@@ -6,18 +6,18 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.base import SHORTEST_TIME, CheckSize
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.moving_window import (
+from teleop_drake.loops.delays.base import SHORTEST_TIME, CheckSize
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.loops.numerics.moving_window import (
     MAX_DEGREE,
     lag_chain_rate,
     window_weights,
     windowed,
 )
-from teleop_drake.validation import CheckNumber, Refuse
-from teleop_drake.wiring import Wire
 
 
 class MovingWindow(Diagram):

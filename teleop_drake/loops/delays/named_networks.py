@@ -19,9 +19,9 @@ Values that no source states are marked "assumed".
 from dataclasses import field
 from functools import partial
 
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss
-from teleop_drake.validation import Config
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.packet_options import Jitter, Loss
+from teleop_drake.loops.framework.validation import Config
 
 # The correlation time and the order are assumed.
 _GAMMA = partial(Jitter, kind="gamma", correlation_time=1.0, keeps_order=True)

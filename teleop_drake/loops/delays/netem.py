@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import NoReturn
 
-from teleop_drake.validation import Choices, Refuse
+from teleop_drake.loops.framework.validation import Choices, Refuse
 
 DISTRIBUTIONS = ("uniform", "normal", "pareto", "paretonormal")
 """The distributions of jitter that netem has."""

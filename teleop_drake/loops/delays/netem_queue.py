@@ -25,8 +25,8 @@ from functools import cache
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.netem import Chance, Netem
+from teleop_drake.loops.delays.netem import Chance, Netem
+from teleop_drake.loops.framework.arrays import Array
 
 _RANGE = 2**32
 

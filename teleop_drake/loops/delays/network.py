@@ -7,31 +7,29 @@ from dataclasses import field, replace
 import numpy as np
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.channels.base import (
+from teleop_drake.loops.delays.base import (
     SHORTEST_TIME,
     ChannelBlock,
     ConstantDelay,
 )
-from teleop_drake.blocks.channels.netem import (
+from teleop_drake.loops.delays.netem import (
     Chance,
     GilbertElliott,
     Netem,
     ParseNetem,
 )
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.packet_random import BLOCK, PacketRandom
-from teleop_drake.blocks.channels.packet_statistics import (
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.packet_random import BLOCK, PacketRandom
+from teleop_drake.loops.delays.packet_statistics import (
     ComputePacketStatistics,
     PacketStatistics,
 )
-from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
-from teleop_drake.blocks.channels.trace import Trace
-from teleop_drake.blocks.channels.variable import DelayProfile, VaryingDelayConfig
-from teleop_drake.tables.histogram import Histogram
-from teleop_drake.tables.measured import HALVED
-from teleop_drake.validation import (
+from teleop_drake.loops.delays.sampled import CheckSamplePeriod
+from teleop_drake.loops.delays.trace import Trace
+from teleop_drake.loops.delays.variable import DelayProfile, VaryingDelayConfig
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckNumber,
     Config,
@@ -39,6 +37,8 @@ from teleop_drake.validation import (
     ScenarioError,
     Within,
 )
+from teleop_drake.loops.tables.histogram import Histogram
+from teleop_drake.loops.tables.measured import HALVED
 
 # From this number of packets on for each entry of a trace, a note tells of losses.
 _MANY = 2

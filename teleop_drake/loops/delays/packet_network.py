@@ -34,14 +34,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.random import Generator
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.netem import Netem
-from teleop_drake.blocks.channels.netem_queue import Deliver
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.packet_random import BLOCK, PacketRandom
-from teleop_drake.blocks.channels.variable import DelayProfile
-from teleop_drake.numerics.instants import SAME, TIE
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.delays.netem import Netem
+from teleop_drake.loops.delays.netem_queue import Deliver
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.packet_random import BLOCK, PacketRandom
+from teleop_drake.loops.delays.variable import DelayProfile
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.loops.numerics.instants import SAME, TIE
 
 
 class PacketNetwork:

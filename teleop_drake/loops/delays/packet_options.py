@@ -3,7 +3,12 @@
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from teleop_drake.validation import CheckChoice, FixedFields, Number, Refuse
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    FixedFields,
+    Number,
+    Refuse,
+)
 
 
 @dataclass(kw_only=True)

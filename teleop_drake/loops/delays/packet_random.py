@@ -13,8 +13,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss
+from teleop_drake.loops.delays.packet_options import Jitter, Loss
+from teleop_drake.loops.framework.arrays import Array
 
 BLOCK = 1024
 """Number of packets whose random numbers are drawn together."""

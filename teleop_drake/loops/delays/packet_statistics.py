@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Receiver
-from teleop_drake.numerics.instants import TIE
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Receiver
+from teleop_drake.loops.numerics.instants import TIE
 
 _PERCENTS = {"minimum": 0, "median": 50, "p95": 95, "p99": 99, "maximum": 100}
 

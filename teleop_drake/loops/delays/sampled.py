@@ -5,17 +5,22 @@ from collections.abc import Callable, Sequence
 
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.base import (
+from teleop_drake.loops.delays.base import (
     SHORTEST_TIME,
     ChannelBlock,
     ChannelConfig,
     ConstantDelay,
 )
-from teleop_drake.kernel.events import DeclareTicks, Ticks
-from teleop_drake.kernel.linear_part import LinearPart, Sampling
-from teleop_drake.numerics.instants import TIE
-from teleop_drake.validation import REQUIRED, CheckNumber, Config, Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import (
+    REQUIRED,
+    CheckNumber,
+    Config,
+    Refuse,
+)
+from teleop_drake.loops.kernel.events import DeclareTicks, Ticks
+from teleop_drake.loops.kernel.linear_part import LinearPart, Sampling
+from teleop_drake.loops.numerics.instants import TIE
 
 
 class SampledDelay(ChannelBlock):

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.files import Replacing
-from teleop_drake.tables.histogram import Histogram
-from teleop_drake.tables.measured import HALVED
-from teleop_drake.tables.packets import ReadMeasured, ReadPackets
-from teleop_drake.validation import Refuse, ScenarioError, Show
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.files import Replacing
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError, Show
+from teleop_drake.loops.tables.histogram import Histogram
+from teleop_drake.loops.tables.measured import HALVED
+from teleop_drake.loops.tables.packets import ReadMeasured, ReadPackets
 
 ENDS = ("refuse", "hold", "repeat")
 """The treatments of a trace that is shorter than the simulation."""

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.base import ChannelBlock, ChannelConfig
-from teleop_drake.kernel.linear_part import LinearPart
-from teleop_drake.validation import Config
+from teleop_drake.loops.delays.base import ChannelBlock, ChannelConfig
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Config
+from teleop_drake.loops.kernel.linear_part import LinearPart
 
 
 class TransportDelay(ChannelBlock):

@@ -10,19 +10,18 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.channels.base import (
+from teleop_drake.loops.delays.base import (
     SHORTEST_TIME,
     ChannelBlock,
     ChannelConfig,
     CheckedInterval,
     ConstantDelay,
 )
-from teleop_drake.blocks.channels.netem import Netem
-from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
-from teleop_drake.kinds import FileOf, GivenFile
-from teleop_drake.tables.histogram import Histogram
-from teleop_drake.validation import (
+from teleop_drake.loops.delays.netem import Netem
+from teleop_drake.loops.delays.trace import ENDS, ReadTrace, Trace
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import FileOf, GivenFile
+from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckNumber,
     Config,
@@ -32,6 +31,7 @@ from teleop_drake.validation import (
     RefuseGiven,
     Within,
 )
+from teleop_drake.loops.tables.histogram import Histogram
 
 # Number of instants at which Arrivals() evaluates the delay; it interpolates linearly.
 _NUM_TIMES = 2000

@@ -29,12 +29,12 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.figures.delay_wires import DelayWires, MarginsOf
-from teleop_drake.figures.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
-from teleop_drake.files import Replacing
-from teleop_drake.signals import CheckSystem, PathsIn
-from teleop_drake.validation import Refuse
-from teleop_drake.wiring import InputPorts, OutputPorts
+from teleop_drake.loops.draw.delay_wires import DelayWires, MarginsOf
+from teleop_drake.loops.draw.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
+from teleop_drake.loops.framework.files import Replacing
+from teleop_drake.loops.framework.signals import CheckSystem, PathsIn
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.framework.wiring import InputPorts, OutputPorts
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot", ".html")
 
@@ -287,7 +287,7 @@ def WriteDiagram(
     if suffix == ".html":
         if margins is not None:
             Refuse("delay_margins", "given", "left out of a page")
-        from teleop_drake.page.diagram_page import DiagramPage
+        from teleop_drake.loops.page.diagram_page import DiagramPage
 
         content = DiagramPage(system).html.encode()
     else:

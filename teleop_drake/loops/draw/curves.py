@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.recording import Recording
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.run.recording import Recording
 
 # Points across a panel, enough for a curve to look smooth.
 _NUM_POINTS = 1500

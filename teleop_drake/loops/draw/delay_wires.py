@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.signals import PathsIn
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.signals import PathsIn
+from teleop_drake.loops.framework.validation import Refuse
 
 
 class _Class(NamedTuple):
@@ -125,6 +125,6 @@ def MarginsOf(
         return None if delay_margins is False else delay_margins
     if not isinstance(system, Diagram):
         Refuse("delay_margins", True, "left out of a system without connections")
-    from teleop_drake.analysis.delay_map import DelayMargins
+    from teleop_drake.loops.linear.delay_map import DelayMargins
 
     return DelayMargins(system, context or system.CreateDefaultContext())

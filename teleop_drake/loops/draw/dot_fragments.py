@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.signals import ClassOf, NameOf, Visible
-from teleop_drake.wiring import InputPorts, OutputPorts
+from teleop_drake.loops.framework.signals import ClassOf, NameOf, Visible
+from teleop_drake.loops.framework.wiring import InputPorts, OutputPorts
 
 NUMBERED = re.compile(r"(^subgraph clusters?|^s|-> s|drakelcminterface)(\d+)", re.M)
 """Names with the process-wide number of a system or, for LCM, an address."""

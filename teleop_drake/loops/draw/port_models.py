@@ -12,11 +12,8 @@ from matplotlib.patches import Arc, Circle
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
 
-from teleop_drake.analysis.port_model import PortModel
-from teleop_drake.analysis.sampled_model import SampledModel
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.figures.layout import MakeMultiples
-from teleop_drake.figures.style import (
+from teleop_drake.loops.draw.layout import MakeMultiples
+from teleop_drake.loops.draw.style import (
     GREY,
     AddLegend,
     Figure,
@@ -26,8 +23,11 @@ from teleop_drake.figures.style import (
     RunKeys,
     RunStyle,
 )
-from teleop_drake.numerics.delayed_loop import Margins
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.linear.port_model import PortModel
+from teleop_drake.loops.linear.sampled_model import SampledModel
+from teleop_drake.loops.numerics.delayed_loop import Margins
 
 Model = PortModel | SampledModel
 

@@ -8,8 +8,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
-from teleop_drake.files import Replacing
-from teleop_drake.validation import CheckKind, Refuse
+from teleop_drake.loops.framework.files import Replacing
+from teleop_drake.loops.framework.validation import CheckKind, Refuse
 
 # For each suffix: the metadata entry of the description, and the entries that would
 # differ from file to file.

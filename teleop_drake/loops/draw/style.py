@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
 from matplotlib.ticker import ScalarFormatter
 
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.framework.validation import Refuse
 
 Look = dict[str, Any]
 """Keyword arguments of Matplotlib that style an artist."""

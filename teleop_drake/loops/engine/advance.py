@@ -1,7 +1,7 @@
 """Integrates a problem with delays and modes: Dormand-Prince 5(4) with dense output.
 
 The equations are a function `evaluate(t, x, m, p, y, dx, wanted)`, which computes the
-rate dx of the state x and the signals y; see teleop_drake.engine.program. The outputs
+rate dx of the state x and the signals y; see engine.program. The outputs
 of the delays are written into y before each evaluation. advance() repeats:
 
 1. _next_stop() finds the latest time for the end of the step. No step crosses a break:
@@ -20,10 +20,10 @@ All functions here are in the part of Python that jit/typed_code compiles.
 
 import math
 
-from teleop_drake.engine.breaks import MAX_ECHO, NO_BREAK, add_echoes, take_break
-from teleop_drake.engine.delays import NODES
-from teleop_drake.engine.dormand_prince import NUM_STAGES
-from teleop_drake.engine.problem import (
+from teleop_drake.loops.engine.breaks import MAX_ECHO, NO_BREAK, add_echoes, take_break
+from teleop_drake.loops.engine.delays import NODES
+from teleop_drake.loops.engine.dormand_prince import NUM_STAGES
+from teleop_drake.loops.engine.problem import (
     AHEAD,
     BREAKS,
     END,
@@ -37,7 +37,7 @@ from teleop_drake.engine.problem import (
     Problem,
     Steered,
 )
-from teleop_drake.engine.steered import (
+from teleop_drake.loops.engine.steered import (
     is_passed,
     is_refused,
     is_too_fast,
@@ -46,7 +46,7 @@ from teleop_drake.engine.steered import (
     order_passed,
     stand_before_jumps,
 )
-from teleop_drake.engine.step import (
+from teleop_drake.loops.engine.step import (
     WEIGHTS_AT_NODES,
     Evaluate,
     copy,
@@ -60,15 +60,15 @@ from teleop_drake.engine.step import (
     step,
     write,
 )
-from teleop_drake.engine.transitions import (
+from teleop_drake.loops.engine.transitions import (
     change_modes,
     is_due,
     is_near,
     next_time,
     note_guards,
 )
-from teleop_drake.jit.scalar_code import ALL, SIGNALS
-from teleop_drake.numerics.instants import SAME, same_within
+from teleop_drake.loops.jit.scalar_code import ALL, SIGNALS
+from teleop_drake.loops.numerics.instants import SAME, same_within
 
 # The most tries of one call of advance(). Between the calls, its caller can check the
 # progress of the run, and Python handles Ctrl-C.

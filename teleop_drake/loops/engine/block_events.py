@@ -37,11 +37,11 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.kernel.events import Ticks
-from teleop_drake.numerics.instants import same_within
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.kernel import Kernel, KernelBlock
+from teleop_drake.loops.kernel.events import Ticks
+from teleop_drake.loops.numerics.instants import same_within
 
 # The length of a block's trial run, s; in practice, periods and offsets are shorter.
 _HORIZON = 1e9

@@ -6,14 +6,14 @@ from typing import Any
 
 from pydrake.systems.framework import Context, NumericParameterIndex, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.constants import WithConstants
-from teleop_drake.engine.flatten import UnreadableLeaf, UnsupportedSystem
-from teleop_drake.engine.leaf_tracing import IsPlainLeaf, LeafReader
-from teleop_drake.engine.primitives import IsSilent, PrimitiveKernel
-from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
-from teleop_drake.signals import IsOfDrake, IsPlant
-from teleop_drake.wiring import OutputNames
+from teleop_drake.loops.engine.constants import WithConstants
+from teleop_drake.loops.engine.flatten import UnreadableLeaf, UnsupportedSystem
+from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf, LeafReader
+from teleop_drake.loops.engine.primitives import IsSilent, PrimitiveKernel
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import IsOfDrake, IsPlant
+from teleop_drake.loops.framework.wiring import OutputNames
+from teleop_drake.loops.kernel import Kernel, KernelBlock, KernelIn
 
 
 def KernelOf(
@@ -36,7 +36,7 @@ def KernelOf(
         return _OwnKernel(system, context)
     if IsOfDrake(system) and IsPlant(system):
         # Systems without a plant need none of this.
-        from teleop_drake.engine.plant_kernel import PlantKernel
+        from teleop_drake.loops.engine.plant_kernel import PlantKernel
 
         return PlantKernel(system, context)
     if IsReadable(system, context):

@@ -8,10 +8,10 @@ All functions here are in the part of Python that jit/typed_code compiles.
 
 import math
 
-from teleop_drake.engine.delays import arrival
-from teleop_drake.engine.problem import BREAKS, ROWS, Delays, Memory
-from teleop_drake.engine.steered import note_jump
-from teleop_drake.numerics.instants import SAME
+from teleop_drake.loops.engine.delays import arrival
+from teleop_drake.loops.engine.problem import BREAKS, ROWS, Delays, Memory
+from teleop_drake.loops.engine.steered import note_jump
+from teleop_drake.loops.numerics.instants import SAME
 
 # Each passage through an integrator makes a jump smoother by one derivative. An echo of
 # a higher order than this is smooth enough for the method, so that no step ends there.

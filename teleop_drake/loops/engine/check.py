@@ -11,15 +11,19 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, PortDataType, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
-from teleop_drake.engine.block_events import OwnContext
-from teleop_drake.engine.evaluator import Evaluator, IsDelayed
-from teleop_drake.engine.flatten import Block, Source
-from teleop_drake.engine.leaf_tracing import IsPlainLeaf
-from teleop_drake.engine.run import CompiledRun, Visited
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.kernel.events import Ticks
+from teleop_drake.loops.engine.block_events import OwnContext
+from teleop_drake.loops.engine.evaluator import Evaluator, IsDelayed
+from teleop_drake.loops.engine.flatten import Block, Source
+from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
+from teleop_drake.loops.engine.run import CompiledRun, Visited
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import (
+    ContextsIn,
+    DiscreteState,
+    SetDiscreteState,
+)
+from teleop_drake.loops.kernel import KernelBlock
+from teleop_drake.loops.kernel.events import Ticks
 
 # The largest difference between a kernel and its block, as a share of the largest
 # element (at least of 1). The order of their operations differs.

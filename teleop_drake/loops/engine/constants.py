@@ -18,10 +18,10 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.leaf_tracing import IsPlainLeaf
-from teleop_drake.signals import IsOfDrake, NameOf
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import IsOfDrake, NameOf
+from teleop_drake.loops.framework.validation import ScenarioError
 
 ConstantValues = Mapping[System, Mapping[str, Array]]
 """Other values of constants, by system and name."""

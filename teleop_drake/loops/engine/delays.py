@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.problem import END, FIRST, ROWS, Delays, Memory
-from teleop_drake.numerics.instants import SAME
-from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
+from teleop_drake.loops.engine.problem import END, FIRST, ROWS, Delays, Memory
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.numerics.instants import SAME
+from teleop_drake.loops.numerics.piecewise import NUM_COEFFICIENTS
 
 NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 """The points of a step at which signals are recorded, as shares of its length."""

@@ -1,6 +1,6 @@
 """A diagram as one function of its time, states and signals, interpreted or compiled.
 
-It is the function `evaluate` of a program; see teleop_drake.engine.program.
+It is the function `evaluate` of a program; see teleop_drake.loops.engine.program.
 """
 
 import copy
@@ -17,28 +17,28 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.engine.block_events import CheckEvents
-from teleop_drake.engine.block_kernels import IsReadable, KernelOf, ReadLeaf
-from teleop_drake.engine.constants import ConstantValues
-from teleop_drake.engine.flatten import (
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.engine.block_events import CheckEvents
+from teleop_drake.loops.engine.block_kernels import IsReadable, KernelOf, ReadLeaf
+from teleop_drake.loops.engine.constants import ConstantValues
+from teleop_drake.loops.engine.flatten import (
     Block,
     Flatten,
     Source,
     UnreadableLeaf,
     UnsupportedSystem,
 )
-from teleop_drake.engine.known_programs import KnownFunction, Remember
-from teleop_drake.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
-from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
-from teleop_drake.engine.primitives import IsSilent
-from teleop_drake.engine.program import Program
-from teleop_drake.jit.native import Evaluate, Kept, Library
-from teleop_drake.jit.scalar_code import ALL, MakeCode
-from teleop_drake.kernel import Delay, Kernel
-from teleop_drake.signals import IsOfDrake, IsPlant, SignalsOf
+from teleop_drake.loops.engine.known_programs import KnownFunction, Remember
+from teleop_drake.loops.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
+from teleop_drake.loops.engine.left_out import EmptyKernel, FindLeftOut
+from teleop_drake.loops.engine.primitives import IsSilent
+from teleop_drake.loops.engine.program import Program
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn, DiscreteState
+from teleop_drake.loops.framework.signals import IsOfDrake, IsPlant, SignalsOf
+from teleop_drake.loops.jit.native import Evaluate, Kept, Library
+from teleop_drake.loops.jit.scalar_code import ALL, MakeCode
+from teleop_drake.loops.kernel import Delay, Kernel
 
 
 def pass_at_zero(delay: float, delayed: Array, signal: Array) -> Array:

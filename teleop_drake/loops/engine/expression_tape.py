@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydrake.symbolic import Expression, ExpressionKind, Formula, FormulaKind, Variable
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 # Kinds of expressions and formulas that apply one function to all their operands.
 _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {

@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.signals import ClassOf, NameOf, PathsIn
+from teleop_drake.loops.framework.signals import ClassOf, NameOf, PathsIn
 
 # The force with which a person draws a body in Meshcat. AddDefaultVisualization() of
 # newer Drake connects it to every plant; pydrake has no class for it.

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from types import FunctionType
 from typing import Any, NamedTuple
 
-from teleop_drake.engine.expression_tape import Tape
-from teleop_drake.engine.program import Program
+from teleop_drake.loops.engine.expression_tape import Tape
+from teleop_drake.loops.engine.program import Program
 
 # Programs of a session of work; comparing with each takes microseconds.
 _NUM_KEPT = 16

@@ -4,10 +4,15 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from pydrake.systems.framework import Context, OutputPort, System
 
-from teleop_drake.engine.flatten import Block, OutputOf, Reached, UnsupportedSystem
-from teleop_drake.engine.primitives import IsSilent, IsSink
-from teleop_drake.kernel import Kernel
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.engine.flatten import (
+    Block,
+    OutputOf,
+    Reached,
+    UnsupportedSystem,
+)
+from teleop_drake.loops.engine.primitives import IsSilent, IsSink
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.kernel import Kernel
 
 
 def FindLeftOut(

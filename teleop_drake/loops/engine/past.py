@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.delays import NODES
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.problem import BREAKS, ROWS, Memory, Past
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.kernel.delay_line import CLOSE, DelayLine
-from teleop_drake.kernel.packet_line import PacketLine
-from teleop_drake.numerics.step_polynomials import interpolate, steps_of
+from teleop_drake.loops.engine.delays import NODES
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.problem import BREAKS, ROWS, Memory, Past
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.kernel import KernelBlock
+from teleop_drake.loops.kernel.delay_line import CLOSE, DelayLine
+from teleop_drake.loops.kernel.packet_line import PacketLine
+from teleop_drake.loops.numerics.step_polynomials import interpolate, steps_of
 
 
 class _Line(NamedTuple):

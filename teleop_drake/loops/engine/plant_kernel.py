@@ -9,13 +9,13 @@ from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.systems.plant_tree import NoTree, ReadPlantTree
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.kernel import Kernel, Term, Transition
-from teleop_drake.numerics import rigid_body
-from teleop_drake.numerics.rigid_body import RigidBodyTree
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.plant_tree import NoTree, ReadPlantTree
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.kernel import Kernel, Term, Transition
+from teleop_drake.loops.numerics import rigid_body
+from teleop_drake.loops.numerics.rigid_body import RigidBodyTree
 
 
 def net_efforts(

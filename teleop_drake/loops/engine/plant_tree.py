@@ -9,8 +9,8 @@ from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from teleop_drake.numerics.rigid_body import RigidBodyTree
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.numerics.rigid_body import RigidBodyTree
 
 _JOINTS = (multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoint)
 

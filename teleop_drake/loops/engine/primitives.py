@@ -22,16 +22,16 @@ from pydrake.systems.primitives import (
     WrapToSystem,
 )
 
-from teleop_drake.arrays import Array
-from teleop_drake.contexts import DiscreteState, SetDiscreteState
-from teleop_drake.engine.constants import ConstantsOf
-from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.leaf_tracing import IsPlainLeaf
-from teleop_drake.kernel import Kernel, Term, Transition
-from teleop_drake.kernel.kernel import times
-from teleop_drake.signals import IsOfDrake, VectorOutputs
-from teleop_drake.wiring import InputPorts, OutputPorts
+from teleop_drake.loops.engine.constants import ConstantsOf
+from teleop_drake.loops.engine.expression_tape import MakeTape, UnknownExpression
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import DiscreteState, SetDiscreteState
+from teleop_drake.loops.framework.signals import IsOfDrake, VectorOutputs
+from teleop_drake.loops.framework.wiring import InputPorts, OutputPorts
+from teleop_drake.loops.kernel import Kernel, Term, Transition
+from teleop_drake.loops.kernel.kernel import times
 
 # A distance greater than the length of a WrapToSystem's intervals of angles, and the
 # number of bisections that locate the end of an interval.

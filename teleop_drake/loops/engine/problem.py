@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.instants import same_within
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.numerics.instants import same_within
 
 
 class Steering(NamedTuple):

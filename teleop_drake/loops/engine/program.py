@@ -23,19 +23,19 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.flatten import (
+from teleop_drake.loops.engine.flatten import (
     AlgebraicLoop,
     Block,
     Source,
     UnsupportedSystem,
 )
-from teleop_drake.jit.packing import Layout, Parameters, repack
-from teleop_drake.jit.scalar_code import RATE, Arrays, ScalarProgram, TraceProgram
-from teleop_drake.jit.symbols import Untraceable
-from teleop_drake.kernel import Delay, Kernel, KernelBlock, Name, Term, Transition
-from teleop_drake.kernel.kernel import Law
-from teleop_drake.kernel.terms import WORDS, TermReader, ValueIn
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.jit.packing import Layout, Parameters, repack
+from teleop_drake.loops.jit.scalar_code import RATE, Arrays, ScalarProgram, TraceProgram
+from teleop_drake.loops.jit.symbols import Untraceable
+from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock, Name, Term, Transition
+from teleop_drake.loops.kernel.kernel import Law
+from teleop_drake.loops.kernel.terms import WORDS, TermReader, ValueIn
 
 # The name of a block's rate among its outputs; no port is named by such a phrase.
 _RATE = "rate of the state"

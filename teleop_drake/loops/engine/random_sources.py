@@ -12,10 +12,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 from pydrake.systems.primitives import RandomSource
 
-from teleop_drake.arrays import Array
-from teleop_drake.contexts import DiscreteState
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.primitives import DRAW
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.primitives import DRAW
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import DiscreteState
 
 
 class Draw(NamedTuple):

@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.engine.advance import DONE, REFUSED, STUCK, advance, is_full
-from teleop_drake.engine.delays import delay_at
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.past import ReadPast
-from teleop_drake.engine.problem import (
+from teleop_drake.loops.engine.advance import DONE, REFUSED, STUCK, advance, is_full
+from teleop_drake.loops.engine.delays import delay_at
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.past import ReadPast
+from teleop_drake.loops.engine.problem import (
     BREAKS,
     END,
     FIRST,
@@ -26,19 +25,20 @@ from teleop_drake.engine.problem import (
     Transitions,
     make_memory,
 )
-from teleop_drake.engine.program import Program
-from teleop_drake.engine.random_sources import Draw, TakeDraws
-from teleop_drake.engine.transitions import next_time
-from teleop_drake.jit.native import Evaluate, Packed
-from teleop_drake.jit.typed_code import CompileTyped
-from teleop_drake.jit.typed_values import EVALUATE, TypeOf
-from teleop_drake.kernel import Delay, Packet
-from teleop_drake.kernel.packet_line import PacketsBetween
-from teleop_drake.kernel.steered_line import RefusalOfDelay
-from teleop_drake.numerics.instants import SAME
-from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
-from teleop_drake.numerics.step_polynomials import steps_of
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.engine.program import Program
+from teleop_drake.loops.engine.random_sources import Draw, TakeDraws
+from teleop_drake.loops.engine.transitions import next_time
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.jit.native import Evaluate, Packed
+from teleop_drake.loops.jit.typed_code import CompileTyped
+from teleop_drake.loops.jit.typed_values import EVALUATE, TypeOf
+from teleop_drake.loops.kernel import Delay, Packet
+from teleop_drake.loops.kernel.packet_line import PacketsBetween
+from teleop_drake.loops.kernel.steered_line import RefusalOfDelay
+from teleop_drake.loops.numerics.instants import SAME
+from teleop_drake.loops.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
+from teleop_drake.loops.numerics.step_polynomials import steps_of
 
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 

@@ -12,8 +12,8 @@ piece, forwards or backwards.
 All functions here are in the part of Python that jit/typed_code compiles.
 """
 
-from teleop_drake.engine.delays import NODES
-from teleop_drake.engine.problem import (
+from teleop_drake.loops.engine.delays import NODES
+from teleop_drake.loops.engine.problem import (
     AHEAD,
     BEYOND,
     JUMPS,
@@ -22,7 +22,7 @@ from teleop_drake.engine.problem import (
     Memory,
     Steered,
 )
-from teleop_drake.numerics.instants import SAME
+from teleop_drake.loops.numerics.instants import SAME
 
 # The output of a conveyor may always move by this in a step, s.
 _FINE = 5e-4

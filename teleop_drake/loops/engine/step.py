@@ -8,10 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.delays import NODES, fetch
-from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
-from teleop_drake.engine.problem import (
+from teleop_drake.loops.engine.delays import NODES, fetch
+from teleop_drake.loops.engine.dormand_prince import NUM_STAGES, A, C, E, P
+from teleop_drake.loops.engine.problem import (
     AHEAD,
     BEYOND,
     EVALUATIONS,
@@ -21,8 +20,9 @@ from teleop_drake.engine.problem import (
     Problem,
     Steered,
 )
-from teleop_drake.engine.steered import fetch_steered, has_turned
-from teleop_drake.jit.scalar_code import ALL, RATE, SIGNALS
+from teleop_drake.loops.engine.steered import fetch_steered, has_turned
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.jit.scalar_code import ALL, RATE, SIGNALS
 
 Evaluate = Callable[..., None]
 

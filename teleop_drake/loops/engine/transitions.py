@@ -5,8 +5,8 @@ All functions here are in the part of Python that jit/typed_code compiles.
 
 import math
 
-from teleop_drake.engine.problem import Memory, Transitions
-from teleop_drake.numerics.instants import same_within
+from teleop_drake.loops.engine.problem import Memory, Transitions
+from teleop_drake.loops.numerics.instants import same_within
 
 
 def next_time(k: int, transitions: Transitions, memory: Memory) -> float:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """File formats of figures, listed here to avoid the import of Matplotlib."""

@@ -15,8 +15,14 @@ import importlib
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-from teleop_drake.arrays import Names
-from teleop_drake.validation import Choices, FixedFields, Refuse, ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Names
+from teleop_drake.loops.framework.validation import (
+    Choices,
+    FixedFields,
+    Refuse,
+    ScenarioError,
+    Show,
+)
 
 ENTRY_POINT_GROUP = "teleop_drake.kinds"
 """Group of the entry points that name kinds of other packages."""

@@ -10,8 +10,13 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
-from teleop_drake.validation import CheckChoice, CheckKind, CheckNames, Refuse
-from teleop_drake.wiring import OutputPorts
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    CheckKind,
+    CheckNames,
+    Refuse,
+)
+from teleop_drake.loops.framework.wiring import OutputPorts
 
 # Signals whose name differs from the name of their port, by system and port.
 _NAMES = {

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.arrays import Array, ArrayLike, Record
-from teleop_drake.validation import CheckVector, Refuse, Show
+from teleop_drake.loops.framework.arrays import Array, ArrayLike, Record
+from teleop_drake.loops.framework.validation import CheckVector, Refuse, Show
 
 CONTACT = "contact"
 """Name of the hard surface, at which the operator perceives contact."""

@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeVar, dataclass_transform, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array, Record
+from teleop_drake.loops.framework.arrays import Array, Record
 
 # Stands for a value that is missing. Every config can be constructed without arguments;
 # its checks refuse required fields that are missing.

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.symbolic_arrays import AsNumbers, Objects, Where
-from teleop_drake.jit.symbols import AsWhole, KindOf, Number, Untraceable
+from teleop_drake.loops.jit.symbolic_arrays import AsNumbers, Objects, Where
+from teleop_drake.loops.jit.symbols import AsWhole, KindOf, Number, Untraceable
 
 
 def Solve(A: Any, B: Any) -> Any:

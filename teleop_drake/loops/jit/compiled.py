@@ -9,11 +9,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.jit.native import BoundEvaluate, Kept, Library
-from teleop_drake.jit.packing import Parameters
-from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
-from teleop_drake.jit.symbols import Untraceable
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.jit.native import BoundEvaluate, Kept, Library
+from teleop_drake.loops.jit.packing import Parameters
+from teleop_drake.loops.jit.scalar_code import MakeCode, TraceLaw
+from teleop_drake.loops.jit.symbols import Untraceable
 
 Law = Callable[..., Array]
 

@@ -21,14 +21,14 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from teleop_drake.jit.symbolic_arrays import (
+from teleop_drake.loops.jit.symbolic_arrays import (
     AsNumbers,
     Table,
 )
-from teleop_drake.jit.symbols import (
+from teleop_drake.loops.jit.symbols import (
     Untraceable,
 )
-from teleop_drake.jit.traced_numpy import (
+from teleop_drake.loops.jit.traced_numpy import (
     BUILTINS,
     REPLACED,
     OfNumpy,
@@ -36,7 +36,7 @@ from teleop_drake.jit.traced_numpy import (
     Refusing,
     Replacement,
 )
-from teleop_drake.jit.tracing import Graph
+from teleop_drake.loops.jit.tracing import Graph
 
 # Modules whose functions return another value in each call, and modules whose built-in
 # functions are called unchanged.

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.files import Replacing
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.files import Replacing
 
 # The level of optimisation of LLVM's code. At a lower level, the checks of indices
 # remain inside of loops.

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.symbolic_arrays import Table
+from teleop_drake.loops.jit.symbolic_arrays import Table
 
 
 @dataclass(frozen=True)

@@ -11,21 +11,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.jit.following import Follow
-from teleop_drake.jit.packing import Layout
-from teleop_drake.jit.symbolic_arrays import (
+from teleop_drake.loops.jit.following import Follow
+from teleop_drake.loops.jit.packing import Layout
+from teleop_drake.loops.jit.symbolic_arrays import (
     AsNumbers,
     Numbers,
 )
-from teleop_drake.jit.symbols import (
+from teleop_drake.loops.jit.symbols import (
     COMPARISONS,
     AsReal,
     Number,
     Ref,
     Untraceable,
 )
-from teleop_drake.jit.tables import SEARCH
-from teleop_drake.jit.tracing import Graph, Node
+from teleop_drake.loops.jit.tables import SEARCH
+from teleop_drake.loops.jit.tracing import Graph, Node
 
 # The value, a node or a constant, of elements of arrays: by the array's name and index.
 Stores = dict[tuple[str, int], Any]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.symbols import (
+from teleop_drake.loops.jit.symbols import (
     AsBoolean,
     AsReal,
     AsWhole,
@@ -17,7 +17,7 @@ from teleop_drake.jit.symbols import (
     Rounded,
     Untraceable,
 )
-from teleop_drake.jit.tables import SHORTEST, Lookup
+from teleop_drake.loops.jit.tables import SHORTEST, Lookup
 
 
 class Table(np.ndarray):

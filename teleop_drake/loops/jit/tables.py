@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.symbols import Number
+from teleop_drake.loops.jit.symbols import Number
 
 SHORTEST = 32
 """The least number of elements of a table; shorter arrays are compared one by one."""

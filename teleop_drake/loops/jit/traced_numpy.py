@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.array_functions import (
+from teleop_drake.loops.jit.array_functions import (
     Interp,
     Inverse,
     IsClose,
@@ -20,7 +20,7 @@ from teleop_drake.jit.array_functions import (
     Sign,
     Solve,
 )
-from teleop_drake.jit.symbolic_arrays import (
+from teleop_drake.loops.jit.symbolic_arrays import (
     BOOLEAN,
     REAL,
     AsFloats,
@@ -32,7 +32,7 @@ from teleop_drake.jit.symbolic_arrays import (
     Unified,
     Where,
 )
-from teleop_drake.jit.symbols import (
+from teleop_drake.loops.jit.symbols import (
     NUMPY,
     Apply,
     AsBoolean,
@@ -44,7 +44,7 @@ from teleop_drake.jit.symbols import (
     Number,
     Untraceable,
 )
-from teleop_drake.jit.tables import Search
+from teleop_drake.loops.jit.tables import Search
 
 # Functions of single numbers.
 

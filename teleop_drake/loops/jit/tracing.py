@@ -28,12 +28,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.jit.symbolic_arrays import (
+from teleop_drake.loops.jit.symbolic_arrays import (
     AsFloats,
     Objects,
     Where,
 )
-from teleop_drake.jit.symbols import (
+from teleop_drake.loops.jit.symbols import (
     COMPARISONS,
     IsBoolean,
     Number,

@@ -21,8 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.native import Kept, Library, TypedFunction
-from teleop_drake.jit.scalar_code import (
+from teleop_drake.loops.jit.native import Kept, Library, TypedFunction
+from teleop_drake.loops.jit.scalar_code import (
     BOOLEAN,
     FLOAT,
     INTEGER,
@@ -31,7 +31,7 @@ from teleop_drake.jit.scalar_code import (
     Declarations,
     Instruction,
 )
-from teleop_drake.jit.typed_values import (
+from teleop_drake.loops.jit.typed_values import (
     TextOf,
     Type,
     TypeOf,

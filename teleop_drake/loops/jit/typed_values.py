@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.jit.scalar_code import (
+from teleop_drake.loops.jit.scalar_code import (
     BOOLEAN,
     FLOAT,
     INTEGER,
@@ -17,7 +17,7 @@ from teleop_drake.jit.scalar_code import (
     ConstantText,
     Instruction,
 )
-from teleop_drake.jit.symbols import COMPARISONS, Symbol
+from teleop_drake.loops.jit.symbols import COMPARISONS, Symbol
 
 EVALUATE = "evaluate"
 """The type of a function `evaluate` as scalar_code makes it."""

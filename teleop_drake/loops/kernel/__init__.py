@@ -1,7 +1,7 @@
 """Kernels: descriptions of blocks, and the Drake blocks that are made from them."""
 
-from teleop_drake.kernel.block import FixedBlock, KernelBlock, KernelIn
-from teleop_drake.kernel.kernel import (
+from teleop_drake.loops.kernel.block import FixedBlock, KernelBlock, KernelIn
+from teleop_drake.loops.kernel.kernel import (
     Delay,
     Kernel,
     Name,

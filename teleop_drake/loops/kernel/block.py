@@ -22,14 +22,14 @@ from pydrake.systems.framework import (
     WitnessFunction,
 )
 
-from teleop_drake.kernel.delay_line import DelayLine
-from teleop_drake.kernel.events import EndStep, EventBlock, Weakly
-from teleop_drake.kernel.kernel import Delay, Kernel
-from teleop_drake.kernel.packet_line import PacketLine
-from teleop_drake.kernel.parameters import BlockParameters
-from teleop_drake.kernel.steered_line import SteeredLine
-from teleop_drake.kernel.terms import ContextReader, ValueIn
-from teleop_drake.validation import Range, Refuse
+from teleop_drake.loops.framework.validation import Range, Refuse
+from teleop_drake.loops.kernel.delay_line import DelayLine
+from teleop_drake.loops.kernel.events import EndStep, EventBlock, Weakly
+from teleop_drake.loops.kernel.kernel import Delay, Kernel
+from teleop_drake.loops.kernel.packet_line import PacketLine
+from teleop_drake.loops.kernel.parameters import BlockParameters
+from teleop_drake.loops.kernel.steered_line import SteeredLine
+from teleop_drake.loops.kernel.terms import ContextReader, ValueIn
 
 
 class _Rated:

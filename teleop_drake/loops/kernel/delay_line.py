@@ -18,12 +18,12 @@ from pydrake.systems.framework import (
     State,
 )
 
-from teleop_drake.arrays import Array
-from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
-from teleop_drake.kernel.kernel import Delay
-from teleop_drake.numerics.bisection import halve
-from teleop_drake.numerics.sample_history import NUM_KEPT, SampleHistory
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.kernel.events import DeclareTicks, Ticks, Weakly
+from teleop_drake.loops.kernel.kernel import Delay
+from teleop_drake.loops.numerics.bisection import halve
+from teleop_drake.loops.numerics.sample_history import NUM_KEPT, SampleHistory
 
 # Drake stretches a step by up to one per cent to end it on an event.
 _STRETCH = 0.011

@@ -30,9 +30,9 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
-from teleop_drake.kernel.kernel import Kernel, Term, Transition
-from teleop_drake.kernel.terms import ContextReader, ValueIn
-from teleop_drake.numerics.instants import same_within
+from teleop_drake.loops.kernel.kernel import Kernel, Term, Transition
+from teleop_drake.loops.kernel.terms import ContextReader, ValueIn
+from teleop_drake.loops.numerics.instants import same_within
 
 # Longer than any simulation: an event with this period happens once.
 _ONCE = 1e12

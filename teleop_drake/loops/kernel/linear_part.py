@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 FROZEN_WEIGHTS = "frozen weights"
 """The estimates of an adaptive law are held constant."""

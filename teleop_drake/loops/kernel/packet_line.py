@@ -9,12 +9,12 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from teleop_drake.arrays import Array
-from teleop_drake.kernel.delay_line import SentSignal
-from teleop_drake.kernel.events import DeclareTicks, ListedTicks, Ticks, Weakly
-from teleop_drake.kernel.kernel import Delay, Packet
-from teleop_drake.numerics.instants import same_within
-from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.kernel.delay_line import SentSignal
+from teleop_drake.loops.kernel.events import DeclareTicks, ListedTicks, Ticks, Weakly
+from teleop_drake.loops.kernel.kernel import Delay, Packet
+from teleop_drake.loops.numerics.instants import same_within
+from teleop_drake.loops.numerics.sample_history import SampleHistory
 
 
 def PacketsBetween(delay: Delay, begin: float, end: float) -> list[Packet]:

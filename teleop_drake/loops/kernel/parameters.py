@@ -27,11 +27,11 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from teleop_drake.arrays import Array
-from teleop_drake.jit.compiled import CompiledLaw
-from teleop_drake.kernel.events import Weakly
-from teleop_drake.kernel.kernel import Kernel
-from teleop_drake.validation import Range, Within
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Range, Within
+from teleop_drake.loops.jit.compiled import CompiledLaw
+from teleop_drake.loops.kernel.events import Weakly
+from teleop_drake.loops.kernel.kernel import Kernel
 
 
 class NamedParameter(NamedTuple):

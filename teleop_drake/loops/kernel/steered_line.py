@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus, State
 
-from teleop_drake.arrays import Array
-from teleop_drake.kernel.delay_line import CLOSE, DelayLine
-from teleop_drake.kernel.kernel import Delay
-from teleop_drake.numerics.sample_history import SampleHistory
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.kernel.delay_line import CLOSE, DelayLine
+from teleop_drake.loops.kernel.kernel import Delay
+from teleop_drake.loops.numerics.sample_history import SampleHistory
 
 # An output that is closer than this to a jump, in s or in lengths of the conveyor, has
 # reached it.

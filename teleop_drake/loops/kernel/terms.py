@@ -14,8 +14,8 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 from pydrake.math import inv
 from pydrake.systems.framework import Context, DependencyTicket, LeafSystem_
 
-from teleop_drake.kernel.kernel import Kernel, Law, Name, Term
-from teleop_drake.validation import Choices, Refuse
+from teleop_drake.loops.framework.validation import Choices, Refuse
+from teleop_drake.loops.kernel.kernel import Kernel, Law, Name, Term
 
 WORDS = ("time", "state", "mode")
 """The names that a term of any kernel may use."""

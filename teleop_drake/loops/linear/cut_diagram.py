@@ -20,21 +20,25 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.dual_diagram import (
+from teleop_drake.loops.engine.flatten import Block, Flatten, OutputOf, Reached, Source
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import (
+    ContextsIn,
+    DiscreteState,
+    SetDiscreteState,
+)
+from teleop_drake.loops.framework.surface import SurfacesOf
+from teleop_drake.loops.kernel import KernelIn
+from teleop_drake.loops.kernel.linear_part import LinearPartOf
+from teleop_drake.loops.linear.dual_diagram import (
     Converts,
     DualDiagram,
     NotConverted,
     Twin,
 )
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments.surface import SurfacesOf
-from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
-from teleop_drake.engine.flatten import Block, Flatten, OutputOf, Reached, Source
-from teleop_drake.kernel import KernelIn
-from teleop_drake.kernel.linear_part import LinearPartOf
-from teleop_drake.numerics.differences import differentiate
-from teleop_drake.numerics.sample_schedule import Clock
-from teleop_drake.simulation.inputs import LeafInputs
+from teleop_drake.loops.numerics.differences import differentiate
+from teleop_drake.loops.numerics.sample_schedule import Clock
+from teleop_drake.loops.run.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort
 

@@ -8,8 +8,11 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import CutDiagram, TimesOf
-from teleop_drake.analysis.ports import (
+from teleop_drake.loops.engine.flatten import Block, InputsOf
+from teleop_drake.loops.framework.arrays import Indices
+from teleop_drake.loops.framework.signals import PathsIn
+from teleop_drake.loops.linear.cut_diagram import CutDiagram, TimesOf
+from teleop_drake.loops.linear.ports import (
     CheckPoint,
     CopyContext,
     DelayMargin,
@@ -17,11 +20,8 @@ from teleop_drake.analysis.ports import (
     OpenedDiagram,
     RefuseBend,
 )
-from teleop_drake.arrays import Indices
-from teleop_drake.engine.flatten import Block, InputsOf
-from teleop_drake.numerics.delay_map import delay_margins, strong_parts
-from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.signals import PathsIn
+from teleop_drake.loops.numerics.delay_map import delay_margins, strong_parts
+from teleop_drake.loops.numerics.state_space import StateSpace
 
 _Place = tuple[System, int]
 """A system and the index of one of its inputs."""

@@ -14,10 +14,10 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Block
-from teleop_drake.kernel.block import DualBlock
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.engine.flatten import Block
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.kernel.block import DualBlock
 
 
 class Twin(NamedTuple):

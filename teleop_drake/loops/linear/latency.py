@@ -7,18 +7,23 @@ from typing import Any, cast
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike, Interval, Record
-from teleop_drake.numerics.dead_time import DeadTime, find_dead_time
-from teleop_drake.numerics.delay_course import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike, Interval, Record
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    CheckNumber,
+    Refuse,
+    ScenarioError,
+)
+from teleop_drake.loops.numerics.dead_time import DeadTime, find_dead_time
+from teleop_drake.loops.numerics.delay_course import (
     Course,
     delay_course,
     drift_error,
     missing_packets,
     row_spread,
 )
-from teleop_drake.numerics.lagged_signal import Lag
-from teleop_drake.numerics.signal_pair import SignalPair
-from teleop_drake.validation import CheckChoice, CheckNumber, Refuse, ScenarioError
+from teleop_drake.loops.numerics.lagged_signal import Lag
+from teleop_drake.loops.numerics.signal_pair import SignalPair
 
 LAGS = {"none": (0,), "first": (0, 1), "second": (0, 1, 2)}
 """The orders of the response's own lag that are allowed, by the name of the highest."""

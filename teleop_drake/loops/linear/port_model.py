@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.delayed_loop import Margins, margins_of
-from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.numerics.delayed_loop import Margins, margins_of
+from teleop_drake.loops.numerics.state_space import StateSpace
 
 # The frequencies of a Bode diagram per decade, and the factor by which they extend
 # beyond the slowest and the fastest mode.

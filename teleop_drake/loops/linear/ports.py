@@ -20,7 +20,13 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import (
+from teleop_drake.loops.engine.flatten import Block
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import NameOf
+from teleop_drake.loops.framework.surface import SurfacesOf
+from teleop_drake.loops.framework.validation import CheckKind, Refuse, ScenarioError
+from teleop_drake.loops.kernel.linear_part import LinearPartOf, Sampling
+from teleop_drake.loops.linear.cut_diagram import (
     Cut,
     CutDiagram,
     HeldStates,
@@ -29,16 +35,14 @@ from teleop_drake.analysis.cut_diagram import (
     States,
     TimesOf,
 )
-from teleop_drake.analysis.port_model import PortModel
-from teleop_drake.analysis.sampled_model import HeldIn, MakeSampledLoop, SampledModel
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments.surface import SurfacesOf
-from teleop_drake.engine.flatten import Block
-from teleop_drake.kernel.linear_part import LinearPartOf, Sampling
-from teleop_drake.numerics.state_space import close_loops
-from teleop_drake.signals import NameOf
-from teleop_drake.simulation.inputs import CheckContext
-from teleop_drake.validation import CheckKind, Refuse, ScenarioError
+from teleop_drake.loops.linear.port_model import PortModel
+from teleop_drake.loops.linear.sampled_model import (
+    HeldIn,
+    MakeSampledLoop,
+    SampledModel,
+)
+from teleop_drake.loops.numerics.state_space import close_loops
+from teleop_drake.loops.run.inputs import CheckContext
 
 # The longest step of central differences, relative to values of 1 and more. Surfaces
 # must be farther away.

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.analysis.cut_diagram import Cut, HeldStates, States
-from teleop_drake.analysis.port_model import BodeDiagram, ImportControl
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.kernel.linear_part import Sampling
-from teleop_drake.numerics.delayed_loop import Margins
-from teleop_drake.numerics.sample_schedule import Clock, common_period
-from teleop_drake.numerics.sampled_loop import SampledLoop, lift
-from teleop_drake.numerics.sampled_margins import sampled_margins
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.kernel.linear_part import Sampling
+from teleop_drake.loops.linear.cut_diagram import Cut, HeldStates, States
+from teleop_drake.loops.linear.port_model import BodeDiagram, ImportControl
+from teleop_drake.loops.numerics.delayed_loop import Margins
+from teleop_drake.loops.numerics.sample_schedule import Clock, common_period
+from teleop_drake.loops.numerics.sampled_loop import SampledLoop, lift
+from teleop_drake.loops.numerics.sampled_margins import sampled_margins
 
 # The frequencies of a Bode diagram, from this share of the Nyquist frequency up to it.
 _NUM_FREQUENCIES = 400

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 # The number of equal parts into which each round divides an interval. All dividing
 # points are tried at once, which is faster in NumPy than halving repeatedly.

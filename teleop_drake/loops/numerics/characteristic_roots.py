@@ -29,8 +29,8 @@ import math
 import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebvander
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.numerics.state_space import StateSpace
 
 # The smallest number of points, and the largest one. More would take seconds.
 _FEWEST_POINTS = 20

@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array, ComplexArray, Indices
-from teleop_drake.numerics.bisection import find_roots
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Indices
+from teleop_drake.loops.numerics.bisection import find_roots
+from teleop_drake.loops.numerics.state_space import StateSpace
 
 AXIS_TOLERANCE = 1e-8
 """The relative distance within which a root counts as on the imaginary axis."""

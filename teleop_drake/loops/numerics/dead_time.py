@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.numerics.lagged_signal import Lag, lagged
-from teleop_drake.numerics.signal_pair import Fit, SignalPair
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.numerics.lagged_signal import Lag, lagged
+from teleop_drake.loops.numerics.signal_pair import Fit, SignalPair
 
 # The most points of the first search.
 _MOST_COARSE = 2**14

@@ -29,16 +29,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.arrays import Array, ComplexArray, Indices
-from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.crossings import crossings_of
-from teleop_drake.numerics.delayed_loop import (
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Indices
+from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.loops.numerics.crossings import crossings_of
+from teleop_drake.loops.numerics.delayed_loop import (
     delay_through_zero,
     gain_at_once,
     slowest_resolved,
     without_hidden_modes,
 )
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.loops.numerics.state_space import StateSpace
 
 # The sweep of the frequency: its points per decade, how far it reaches below the
 # slowest mode, the number of points on each side of a weakly damped mode, the points

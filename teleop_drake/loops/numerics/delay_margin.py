@@ -40,15 +40,15 @@ from functools import partial
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.crossings import (
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.numerics.crossings import (
     AXIS_TOLERANCE,
     Crossing,
     closed_loop_matrix,
     crossings_between,
     sweep_frequencies,
 )
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.loops.numerics.state_space import StateSpace
 
 # A mode slower than this, relative to the norm of A, counts as at 0. Several modes at 0
 # that form a Jordan block are not computed more accurately.

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
+from teleop_drake.loops.framework.arrays import Array, Indices
 
 
 def burst_lengths(is_lost: Array) -> Indices:

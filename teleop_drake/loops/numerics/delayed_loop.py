@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.crossings import (
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.loops.numerics.crossings import (
     Crossing,
     LoopLoci,
     crossings_between,
@@ -30,7 +30,7 @@ from teleop_drake.numerics.crossings import (
     locate,
     sweep_frequencies,
 )
-from teleop_drake.numerics.state_space import StateSpace, minimal_realization
+from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
 
 # A root slower than this, relative to the norm of A, counts as at 0.
 _NEUTRAL = 1e-6

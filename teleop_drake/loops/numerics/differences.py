@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 _NUM_STEPS = 4
 

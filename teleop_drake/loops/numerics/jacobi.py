@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 # The number of sweeps over all pairs of axes, by the number of axes, and for more axes.
 # The sweeps converge quadratically; with two axes a single rotation is exact.

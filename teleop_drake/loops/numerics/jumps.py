@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.numerics.instants import same_within
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.numerics.instants import same_within
 
 _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
 
 
 class Lag(NamedTuple):

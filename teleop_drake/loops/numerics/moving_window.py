@@ -23,7 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 # The rate of the lags, 1/T. A lower rate needs fewer lags, and amplifies errors more.
 _RATE = 0.5

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.bisection import ROUNDS, bisect
-from teleop_drake.numerics.step_polynomials import (
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.numerics.bisection import ROUNDS, bisect
+from teleop_drake.loops.numerics.step_polynomials import (
     DEGREE,
     interpolate,
     lagrange,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 NUM_COEFFICIENTS = 8
 """The number of coefficients of each polynomial."""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def evaluate_pieces(time: float, breaks: Array, coefficients: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
+from teleop_drake.loops.framework.arrays import Array, Indices
 
 
 class RigidBodyTree(NamedTuple):

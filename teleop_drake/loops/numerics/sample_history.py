@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 # Points of a stencil: its error is O(step^8), well below the integrator's.
 _NUM_POINTS = 8

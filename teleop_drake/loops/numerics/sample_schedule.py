@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.validation import Refuse
 
 # Periods are commensurate if their ratios are fractions with at most this denominator,
 # up to the relative error.

@@ -25,15 +25,15 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from teleop_drake.arrays import Array, ComplexArray, Flags
-from teleop_drake.numerics.sample_schedule import (
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Flags
+from teleop_drake.loops.numerics.sample_schedule import (
     DIGITS,
     Clock,
     Lagged,
     Schedule,
     common_period,
 )
-from teleop_drake.numerics.state_space import close_loops
+from teleop_drake.loops.numerics.state_space import close_loops
 
 # Entries of M below this, relative to the largest, are rounding errors of 0.
 _NEGLIGIBLE = 1e-13

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.delayed_loop import Margins
-from teleop_drake.numerics.sample_schedule import common_period
-from teleop_drake.numerics.sampled_loop import SampledLoop, lift
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.numerics.delayed_loop import Margins
+from teleop_drake.loops.numerics.sample_schedule import common_period
+from teleop_drake.loops.numerics.sampled_loop import SampledLoop, lift
 
 # The gains that are searched, from 1 to this factor and to its inverse.
 _LARGEST_GAIN = 100.0

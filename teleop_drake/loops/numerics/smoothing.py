@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 SAMPLES_PER_CYCLE = 2 * math.pi / math.sqrt(math.log(2))
 """The least rate of samples, in multiples of the bandwidth: sigma is one step."""

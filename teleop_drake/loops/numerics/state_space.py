@@ -13,8 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
 
 # The default tolerance of minimal_realization(). It is well above the error of blocks
 # whose slopes are finite differences, about 1e-10.

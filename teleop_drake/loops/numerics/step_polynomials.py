@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
+from teleop_drake.loops.framework.arrays import Array, Indices
 
 Series = tuple[Array, dict[str, Array], Indices]
 """A recording: times (N,) in s, signals (N, k) by name, and steps (S, d + 1)."""

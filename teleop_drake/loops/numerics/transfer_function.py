@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
 
 
 def _coefficients(name: str, values: ArrayLike) -> Array:

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 
-from teleop_drake.page.fields import FieldNumbers, RangeAround
-from teleop_drake.page.inputs import Input
-from teleop_drake.page.sliders import DelayRange, Ranges, RangeWith, Runs
-from teleop_drake.parameters import NumberName, Scalar
-from teleop_drake.validation import CheckChoice
+from teleop_drake.loops.engine.parameters import NumberName, Scalar
+from teleop_drake.loops.framework.validation import CheckChoice
+from teleop_drake.loops.page.fields import FieldNumbers, RangeAround
+from teleop_drake.loops.page.inputs import Input
+from teleop_drake.loops.page.sliders import DelayRange, Ranges, RangeWith, Runs
 
 # The number of parameters with sliders, beside the delays, if no ranges are given.
 _NUM_SLIDERS = 4

@@ -7,22 +7,22 @@ from typing import Any
 
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.page.diagram_inputs import MakeDiagramInputs
-from teleop_drake.page.document import Page
-from teleop_drake.page.fields import FieldNumbers, FindFields, FixedNumbers
-from teleop_drake.page.late_wires import LateWires
-from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import MakeModel, Model
-from teleop_drake.page.plants import ViewOf
-from teleop_drake.page.python_lines import DiagramParts
-from teleop_drake.page.sliders import DataOfRuns, Ranges, Runs
-from teleop_drake.parameters import ScalarsIn, SetNumbers
-from teleop_drake.signals import NameOf
-from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.system_run import MakeJob
-from teleop_drake.validation import CheckChoice, CheckNames, Refuse
+from teleop_drake.loops.engine.parameters import ScalarsIn, SetNumbers
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import NameOf
+from teleop_drake.loops.framework.validation import CheckChoice, CheckNames, Refuse
+from teleop_drake.loops.page.diagram_inputs import MakeDiagramInputs
+from teleop_drake.loops.page.document import Page
+from teleop_drake.loops.page.fields import FieldNumbers, FindFields, FixedNumbers
+from teleop_drake.loops.page.late_wires import LateWires
+from teleop_drake.loops.page.levels import Levels
+from teleop_drake.loops.page.model import MakeModel, Model
+from teleop_drake.loops.page.plants import ViewOf
+from teleop_drake.loops.page.python_lines import DiagramParts
+from teleop_drake.loops.page.sliders import DataOfRuns, Ranges, Runs
+from teleop_drake.loops.run.inputs import CheckInputs
+from teleop_drake.loops.run.run import Job
+from teleop_drake.loops.run.system_run import MakeJob
 
 DURATION = 10.0
 """The default duration of the runs of a diagram, s."""

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.files import WriteText
-from teleop_drake.page.script import JoinModules, ReadPart
+from teleop_drake.loops.framework.files import WriteText
+from teleop_drake.loops.page.script import JoinModules, ReadPart
 
 
 class Page:

@@ -16,13 +16,13 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.page.inputs import Change, Input, Maker, NearlyEqual, Slopes
-from teleop_drake.page.model import MakeModel, Model
-from teleop_drake.page.sliders import LEAST_DELAY, DelayRange, Runs
-from teleop_drake.parameters import Scalar, SetNumbers
-from teleop_drake.validation import GainRange, ScenarioError
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.parameters import Scalar, SetNumbers
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import GainRange, ScenarioError
+from teleop_drake.loops.page.inputs import Change, Input, Maker, NearlyEqual, Slopes
+from teleop_drake.loops.page.model import MakeModel, Model
+from teleop_drake.loops.page.sliders import LEAST_DELAY, DelayRange, Runs
 
 # The largest number of fields in a page.
 _MOST_FIELDS = 120

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from teleop_drake.arrays import Array
-from teleop_drake.page.model import Model
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.page.model import Model
 
 Numbers = dict[str, Array]
 

@@ -7,13 +7,13 @@ from typing import Any
 
 from pydrake.systems.framework import Context, Diagram, PortDataType, System
 
-from teleop_drake.analysis.delay_map import DelayMap
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.engine.flatten import Block, Flatten, InputsOf, Source
-from teleop_drake.parameters import Scalar, SetNumbers
-from teleop_drake.signals import PathsIn, Visible
-from teleop_drake.validation import Range
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.engine.flatten import Block, Flatten, InputsOf, Source
+from teleop_drake.loops.engine.parameters import Scalar, SetNumbers
+from teleop_drake.loops.framework.signals import PathsIn, Visible
+from teleop_drake.loops.framework.validation import Range
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.linear.delay_map import DelayMap
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.figures.block_diagram import DiagramDot, LayOut
-from teleop_drake.signals import ClassOf, PathsIn, Visible
-from teleop_drake.wiring import InputPorts, OutputPorts
+from teleop_drake.loops.draw.block_diagram import DiagramDot, LayOut
+from teleop_drake.loops.framework.signals import ClassOf, PathsIn, Visible
+from teleop_drake.loops.framework.wiring import InputPorts, OutputPorts
 
 _AT = re.compile(r'data-(at|wire)="(\d+)(?::([uy])(\d+))?"')
 # The class and the name of a system, as Drake writes them.

@@ -14,20 +14,14 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Context, OutputPort, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments.surface import Surface, SurfacesIn
-from teleop_drake.engine.check import CheckRead
-from teleop_drake.engine.constants import ConstantValues
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
-from teleop_drake.engine.problem import BREAKS, JUMPS, ROWS, Memory
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.numerics.rigid_body import RigidBodyTree
-from teleop_drake.page.late_wires import LateWires
-from teleop_drake.page.levels import Levels
-from teleop_drake.page.plants import PlantData, TreesIn
-from teleop_drake.page.wasm import ConstantsOf, MakeModule
-from teleop_drake.signals import (
+from teleop_drake.loops.engine.check import CheckRead
+from teleop_drake.loops.engine.constants import ConstantValues
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
+from teleop_drake.loops.engine.problem import BREAKS, JUMPS, ROWS, Memory
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import (
     NameOf,
     PathsIn,
     SignalsOf,
@@ -36,11 +30,17 @@ from teleop_drake.signals import (
     VectorOutputs,
     Visible,
 )
-from teleop_drake.simulation.compiled_run import StartOf
-from teleop_drake.simulation.initial_modes import SetInitialModes
-from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.validation import Refuse
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.framework.surface import Surface, SurfacesIn
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.numerics.rigid_body import RigidBodyTree
+from teleop_drake.loops.page.late_wires import LateWires
+from teleop_drake.loops.page.levels import Levels
+from teleop_drake.loops.page.plants import PlantData, TreesIn
+from teleop_drake.loops.page.wasm import ConstantsOf, MakeModule
+from teleop_drake.loops.run.compiled_run import StartOf
+from teleop_drake.loops.run.initial_modes import SetInitialModes
+from teleop_drake.loops.run.stepping import LongestStep
 
 # A row of the port table in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)

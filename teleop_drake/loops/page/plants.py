@@ -7,11 +7,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.numerics.rigid_body import RigidBodyTree, calc_motion
-from teleop_drake.signals import PathsIn
+from teleop_drake.loops.engine.plant_tree import ReadPlantTree
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.signals import PathsIn
+from teleop_drake.loops.numerics.rigid_body import RigidBodyTree, calc_motion
 
 # The directions to the right and upwards in a drawing of joints about several axes,
 # which is a view from the side and from above.

@@ -5,8 +5,8 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
-from teleop_drake.parameters import ScalarsIn
-from teleop_drake.simulation.run import Job
+from teleop_drake.loops.engine.parameters import ScalarsIn
+from teleop_drake.loops.run.run import Job
 
 
 def DiagramParts(source: System | Callable[[], System], job: Job) -> dict[str, Any]:

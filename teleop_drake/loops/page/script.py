@@ -36,4 +36,4 @@ def JoinModules(name: str) -> str:
 
 def ReadPart(name: str) -> str:
     """Returns the text of a file in the folder of this module."""
-    return resources.files("teleop_drake.page").joinpath(name).read_text("utf-8")
+    return resources.files("teleop_drake.loops.page").joinpath(name).read_text("utf-8")

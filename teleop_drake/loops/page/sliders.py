@@ -7,12 +7,12 @@ from typing import Any
 
 from pydrake.systems.framework import Context
 
-from teleop_drake.engine.flatten import AlgebraicLoop
-from teleop_drake.page.colors import PageColor
-from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
-from teleop_drake.page.late_wires import MarginsInto
-from teleop_drake.page.model import PERIOD, Model
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.loops.engine.flatten import AlgebraicLoop
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError
+from teleop_drake.loops.page.colors import PageColor
+from teleop_drake.loops.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
+from teleop_drake.loops.page.late_wires import MarginsInto
+from teleop_drake.loops.page.model import PERIOD, Model
 
 # The least delay of a slider, s, where a loop without delay is another program.
 LEAST_DELAY = 0.005

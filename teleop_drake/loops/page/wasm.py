@@ -12,12 +12,12 @@ from typing import Any, cast
 
 import llvmlite.binding as llvm
 
-from teleop_drake.engine.advance import advance
-from teleop_drake.engine.program import Program
-from teleop_drake.jit.native import Kept
-from teleop_drake.jit.scalar_code import MakeCode
-from teleop_drake.jit.typed_code import MakeTypedCode
-from teleop_drake.jit.typed_values import EVALUATE, TypeOf
+from teleop_drake.loops.engine.advance import advance
+from teleop_drake.loops.engine.program import Program
+from teleop_drake.loops.jit.native import Kept
+from teleop_drake.loops.jit.scalar_code import MakeCode
+from teleop_drake.loops.jit.typed_code import MakeTypedCode
+from teleop_drake.loops.jit.typed_values import EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 

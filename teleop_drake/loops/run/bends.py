@@ -4,8 +4,13 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.step_polynomials import DEGREE, Series, lagrange, shares
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.numerics.step_polynomials import (
+    DEGREE,
+    Series,
+    lagrange,
+    shares,
+)
 
 INSIDE: list[float] = shares(DEGREE)[1:-1].tolist()
 """The instants of samples within a piece of a step, as shares of its length."""

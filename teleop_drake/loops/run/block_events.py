@@ -11,15 +11,15 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Context, OutputPort, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Flatten
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.numerics.instants import same_within
-from teleop_drake.numerics.pieces import Pieces
-from teleop_drake.numerics.step_polynomials import Series
-from teleop_drake.recording import Event
-from teleop_drake.simulation.run import Job, Outcome
+from teleop_drake.loops.engine.flatten import Flatten
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.numerics.instants import same_within
+from teleop_drake.loops.numerics.pieces import Pieces
+from teleop_drake.loops.numerics.step_polynomials import Series
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.loops.run.run import Job, Outcome
 
 # The input of a block with surfaces that has the position of what meets them.
 _POSITION = "tool_position"

@@ -10,26 +10,27 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 from pydrake.systems.primitives import RandomSource
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.contexts import ContextsIn, SetDiscreteState
-from teleop_drake.engine.check import CheckVisited, HoldsOwnCode
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import OutputOf, UnsupportedSystem
-from teleop_drake.engine.past import CanWritePast, ReadPast, WritePast
-from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
-from teleop_drake.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
-from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
-from teleop_drake.jit.native import Packed
-from teleop_drake.numerics.instants import same_within
-from teleop_drake.numerics.step_polynomials import Series
-from teleop_drake.parameters import SetNumbers
-from teleop_drake.recording import Event
-from teleop_drake.signals import SystemsByPath
-from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
-from teleop_drake.simulation.initial_modes import SetInitialModes
-from teleop_drake.simulation.inputs import CheckInitialization
-from teleop_drake.simulation.logs import WriteLogs
-from teleop_drake.simulation.run import (
+from teleop_drake.loops.engine.check import CheckVisited, HoldsOwnCode
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import OutputOf, UnsupportedSystem
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.engine.past import CanWritePast, ReadPast, WritePast
+from teleop_drake.loops.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
+from teleop_drake.loops.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
+from teleop_drake.loops.engine.run import CompiledRun, MakeProblem, Visited
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.contexts import ContextsIn, SetDiscreteState
+from teleop_drake.loops.framework.signals import SystemsByPath
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.jit.native import Packed
+from teleop_drake.loops.numerics.instants import same_within
+from teleop_drake.loops.numerics.step_polynomials import Series
+from teleop_drake.loops.run.failures import IsArithmetic, ReasonOfDivergence
+from teleop_drake.loops.run.initial_modes import SetInitialModes
+from teleop_drake.loops.run.inputs import CheckInitialization
+from teleop_drake.loops.run.logs import WriteLogs
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.loops.run.run import (
     COMPLETED,
     INTERRUPTED,
     Ending,
@@ -38,9 +39,8 @@ from teleop_drake.simulation.run import (
     Outcome,
     Pace,
 )
-from teleop_drake.simulation.simulator import EVENT_ACCURACY
-from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.run.simulator import EVENT_ACCURACY
+from teleop_drake.loops.run.stepping import LongestStep
 
 
 class CannotCompile(ScenarioError):
@@ -420,7 +420,7 @@ def _Run(
 
 def _FindEvents(run: CompiledRun, job: Job, outcome: Outcome) -> list[Event]:
     """Returns the events of a run; imports what finds them when they are needed."""
-    from teleop_drake.simulation.block_events import CompiledEvents
+    from teleop_drake.loops.run.block_events import CompiledEvents
 
     return CompiledEvents(run, run.start.t + job.duration, outcome)
 

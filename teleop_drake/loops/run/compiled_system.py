@@ -6,21 +6,21 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.engine.check import ReadingDisagrees
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.recording import Recording
-from teleop_drake.signals import Signals, SystemsByPath
-from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
-from teleop_drake.simulation.drake_run import RunInDrake
-from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.system_run import (
+from teleop_drake.loops.engine.check import ReadingDisagrees
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.framework.signals import Signals, SystemsByPath
+from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.loops.run.compiled_run import CompiledDiagram, CompileDiagram
+from teleop_drake.loops.run.drake_run import RunInDrake
+from teleop_drake.loops.run.inputs import CheckInputs
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.loops.run.run import Job
+from teleop_drake.loops.run.system_run import (
     MakeJob,
     NoteOnDrake,
     NotesOnBlocks,
     RecordingOf,
 )
-from teleop_drake.validation import CheckNumber
 
 _HAS_CONSTANTS = (
     "Drake keeps some of the numbers as constants, which no Context has: the run has "

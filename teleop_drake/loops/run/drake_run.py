@@ -13,24 +13,25 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 
-from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.numerics.instants import TIE, same_within
-from teleop_drake.numerics.step_polynomials import DEGREE, Series
-from teleop_drake.recording import Event
-from teleop_drake.signals import SystemsByPath
-from teleop_drake.simulation.bends import CHECKED, INSIDE, Bends, NotesOnBends
-from teleop_drake.simulation.block_events import (
+from teleop_drake.loops.framework.contexts import ContextsIn, DiscreteState
+from teleop_drake.loops.framework.signals import SystemsByPath
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError
+from teleop_drake.loops.numerics.instants import TIE, same_within
+from teleop_drake.loops.numerics.step_polynomials import DEGREE, Series
+from teleop_drake.loops.run.bends import CHECKED, INSIDE, Bends, NotesOnBends
+from teleop_drake.loops.run.block_events import (
     DrakeEvents,
     GuardsDue,
     Watched,
     WatchedIn,
 )
-from teleop_drake.simulation.failures import (
+from teleop_drake.loops.run.failures import (
     IsDivergence,
     NamingBlocks,
     ReasonOfDivergence,
 )
-from teleop_drake.simulation.run import (
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.loops.run.run import (
     COMPLETED,
     INTERRUPTED,
     Ending,
@@ -39,15 +40,14 @@ from teleop_drake.simulation.run import (
     Outcome,
     Pace,
 )
-from teleop_drake.simulation.simulator import (
+from teleop_drake.loops.run.simulator import (
     EVENT_ACCURACY,
     CountsOf,
     IsEnded,
     TeleoperatorSimulator,
 )
-from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
-from teleop_drake.simulation.stepping import LongestStepOf
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.loops.run.stale_cache_guard import HasOwnBlocks
+from teleop_drake.loops.run.stepping import LongestStepOf
 
 # The most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000

@@ -2,9 +2,9 @@
 
 from pydrake.systems.framework import Context
 
-from teleop_drake.contexts import ContextsIn, SetDiscreteState
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.kernel.terms import ContextReader
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.framework.contexts import ContextsIn, SetDiscreteState
+from teleop_drake.loops.kernel.terms import ContextReader
 
 
 def SetInitialModes(evaluator: Evaluator, context: Context) -> None:

@@ -10,13 +10,13 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import Flatten, InputsOf
-from teleop_drake.engine.leaf_tracing import HasInitialization
-from teleop_drake.signals import IsPlant, NameOf
-from teleop_drake.validation import Refuse
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import Flatten, InputsOf
+from teleop_drake.loops.engine.leaf_tracing import HasInitialization
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.signals import IsPlant, NameOf
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.framework.wiring import InputPorts
 
 _ALLOWED = "connected to a source, or fixed: port.FixValue(context, value)"
 

@@ -13,12 +13,12 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import Context
 from pydrake.systems.primitives import VectorLogSink
 
-from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import Block
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.numerics.step_polynomials import interpolate
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import Block
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.numerics.step_polynomials import interpolate
 
 # A step of a log by itself ends so long after its start, where no sample is due, s.
 _BESIDE = math.pi * 1e-10

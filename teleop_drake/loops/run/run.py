@@ -11,10 +11,10 @@ from typing import NamedTuple
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, OutputPort, System
 
-from teleop_drake.numerics.step_polynomials import Series
-from teleop_drake.recording import Event
-from teleop_drake.solver import MAX_STEPS
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.solver import MAX_STEPS
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.numerics.step_polynomials import Series
+from teleop_drake.loops.run.recording import Event
 
 # The most steps of a run, including rejected steps and events at one instant. Error
 # control may take more steps than a scenario forces, of which MAX_STEPS are allowed.

@@ -4,8 +4,8 @@ import itertools
 
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.kernel.events import Ticks
-from teleop_drake.signals import PathsIn
+from teleop_drake.loops.framework.signals import PathsIn
+from teleop_drake.loops.kernel.events import Ticks
 
 # The most ticks of a block that are compared.
 _MOST_TICKS = 1000

@@ -15,11 +15,11 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, EventStatus, System
 
-from teleop_drake.contexts import DiscreteState
-from teleop_drake.signals import CheckSystem
-from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
-from teleop_drake.simulation.stale_cache_guard import TrialStep
-from teleop_drake.simulation.stepping import LongestStep, Stepping
+from teleop_drake.loops.framework.contexts import DiscreteState
+from teleop_drake.loops.framework.signals import CheckSystem
+from teleop_drake.loops.run.failures import IsDivergence, IsGivingUp
+from teleop_drake.loops.run.stale_cache_guard import TrialStep
+from teleop_drake.loops.run.stepping import LongestStep, Stepping
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
 # better than a microsecond.

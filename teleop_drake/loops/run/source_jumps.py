@@ -10,9 +10,9 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, PortDataType, System
 from pydrake.systems.primitives import TrajectorySource
 
-from teleop_drake.arrays import Array
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.numerics.jumps import Jump, TooManyJumps, find_jumps
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.kernel import KernelBlock
+from teleop_drake.loops.numerics.jumps import Jump, TooManyJumps, find_jumps
 
 # The parts of a longest step in which jumps are searched.
 _PARTS = 4

@@ -25,7 +25,7 @@ The fix is to write the state through the Context, instead of lines 176 and 177:
                get_mutable_context()->SetTimeAndContinuousState(current_time,
                                                                 xc0_save_);
 
-tests/simulation/test_stale_cache_guard.py has the smallest case, and fails when Drake
+tests/loops/run/test_stale_cache_guard.py has the smallest case, and fails when Drake
 no longer needs the guard.
 """
 
@@ -37,8 +37,8 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.simulation.stepping import SystemsIn
+from teleop_drake.loops.kernel import KernelBlock
+from teleop_drake.loops.run.stepping import SystemsIn
 
 # The shortest step that is tried, in multiples of the time if that exceeds 1 s, else in
 # s. It is a hundred times Drake's own limit; a shorter step hardly changes the time.

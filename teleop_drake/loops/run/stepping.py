@@ -21,17 +21,17 @@ import numpy as np
 from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.kernel.delay_line import DelayLine
-from teleop_drake.kernel.events import Ticks
-from teleop_drake.numerics.instants import SAME
-from teleop_drake.numerics.jumps import Jump
-from teleop_drake.signals import PathsIn
-from teleop_drake.simulation.source_jumps import SourceJumps
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.signals import PathsIn
+from teleop_drake.loops.kernel import KernelBlock
+from teleop_drake.loops.kernel.delay_line import DelayLine
+from teleop_drake.loops.kernel.events import Ticks
+from teleop_drake.loops.numerics.instants import SAME
+from teleop_drake.loops.numerics.jumps import Jump
+from teleop_drake.loops.run.source_jumps import SourceJumps
 
 if TYPE_CHECKING:
-    from teleop_drake.blocks.environments.surface import Surface
+    from teleop_drake.loops.framework.surface import Surface
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -356,7 +356,7 @@ def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
 def _SurfacesSeenBy(system: Any) -> "Iterator[tuple[InputPort, Surface]]":
     """Yields the position inputs of an environment or operator, each with a surface."""
     if any(hasattr(part, "Surfaces") for part in SystemsIn(system)):
-        from teleop_drake.blocks.environments.surface import SurfacesOf
+        from teleop_drake.loops.framework.surface import SurfacesOf
 
         for surface in SurfacesOf(system) or ():
             yield system.GetInputPort("tool_position"), surface

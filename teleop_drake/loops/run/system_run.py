@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING, Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.engine.flatten import UnreadableLeaf
-from teleop_drake.numerics.step_polynomials import finite_part
-from teleop_drake.parameters import CheckNumbers
-from teleop_drake.recording import Recording, SolverStatistics
-from teleop_drake.signals import SelectSignals, Signals
-from teleop_drake.simulation.bends import Kinked, NotesOnBends
-from teleop_drake.simulation.inputs import CheckContext, CheckInputs
-from teleop_drake.simulation.run import Job, Outcome
-from teleop_drake.simulation.sample_ties import NotesOnTies
-from teleop_drake.simulation.stepping import NotesOnSamples
-from teleop_drake.solver import DefaultSimulator
-from teleop_drake.validation import CheckNumber
+from teleop_drake.loops.engine.flatten import UnreadableLeaf
+from teleop_drake.loops.engine.parameters import CheckNumbers
+from teleop_drake.loops.framework.signals import SelectSignals, Signals
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.loops.numerics.step_polynomials import finite_part
+from teleop_drake.loops.run.bends import Kinked, NotesOnBends
+from teleop_drake.loops.run.inputs import CheckContext, CheckInputs
+from teleop_drake.loops.run.recording import Recording, SolverStatistics
+from teleop_drake.loops.run.run import Job, Outcome
+from teleop_drake.loops.run.sample_ties import NotesOnTies
+from teleop_drake.loops.run.stepping import NotesOnSamples
 
 if TYPE_CHECKING:
-    from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
+    from teleop_drake.loops.delays.packet_statistics import PacketStatistics
 
 ENGINES = ("drake", "compiled", "auto")
 
@@ -97,8 +97,8 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     """Runs a diagram; returns its outcome and notes, such as why Drake ran it."""
     notes: list[str] = []
     if engine != "drake":
-        from teleop_drake.engine.check import ReadingDisagrees
-        from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
+        from teleop_drake.loops.engine.check import ReadingDisagrees
+        from teleop_drake.loops.run.compiled_run import CannotCompile, CompileDiagram
 
         try:
             compiled = CompileDiagram(
@@ -111,7 +111,7 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
             return compiled.Run(job), NotesOnBlocks(compiled.evaluator)
         except (CannotCompile, ReadingDisagrees) as error:
             notes = [NoteOnDrake(error)]
-    from teleop_drake.simulation.drake_run import RunInDrake
+    from teleop_drake.loops.run.drake_run import RunInDrake
 
     run = RunInDrake(job)
     notes += NotesOnSamples(job.diagram, job.context)
@@ -125,7 +125,7 @@ def NotesOnBlocks(evaluator: Any) -> list[str]:
     Args:
         evaluator: The engine.evaluator.Evaluator of the run.
     """
-    from teleop_drake.simulation.logs import LogsIn
+    from teleop_drake.loops.run.logs import LogsIn
 
     notes = []
     logs = [block.path for block in LogsIn(evaluator)]

@@ -5,10 +5,10 @@ line what was read. What a file does not tell, such as an unknown unit, is asked
 a ScenarioError and never assumed in silence.
 """
 
-from teleop_drake.tables.packets import Packets, ReadPackets
-from teleop_drake.tables.reader import ReadTable
-from teleop_drake.tables.source import TableSource
-from teleop_drake.tables.stamps import Times
-from teleop_drake.tables.table import Table
+from teleop_drake.loops.tables.packets import Packets, ReadPackets
+from teleop_drake.loops.tables.reader import ReadTable
+from teleop_drake.loops.tables.source import TableSource
+from teleop_drake.loops.tables.stamps import Times
+from teleop_drake.loops.tables.table import Table
 
 __all__ = ["Packets", "ReadPackets", "ReadTable", "Table", "TableSource", "Times"]

@@ -6,8 +6,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import ScenarioError
 
 
 def ReadArrays(file: str, suffix: str, origin: str) -> dict[str, Array]:

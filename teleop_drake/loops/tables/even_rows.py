@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.tables.measured import ShowTime
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.tables.measured import ShowTime
 
 MOST_UNEVEN = 100
 """The largest number of rows that keep uneven times."""

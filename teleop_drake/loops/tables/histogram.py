@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.tables.headers import UNITS, ParseHeader
-from teleop_drake.tables.measured import HALVED, ONE_WAY
-from teleop_drake.tables.source import TableSource
-from teleop_drake.tables.table import Table
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.headers import UNITS, ParseHeader
+from teleop_drake.loops.tables.measured import HALVED, ONE_WAY
+from teleop_drake.loops.tables.source import TableSource
+from teleop_drake.loops.tables.table import Table
 
 # The names of columns, as keys of ParseHeader(). A value is a delay one way.
 _COUNT = r"(.+_)?(counts?|frequency|frequencies|occurrences|packets|samples)"

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.tables.measured import HALVED, InOrder, Packets
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables.measured import HALVED, InOrder, Packets
 
 
 class Report(NamedTuple):

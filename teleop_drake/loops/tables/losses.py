@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike, Flags, Indices
+from teleop_drake.loops.framework.arrays import ArrayLike, Flags, Indices
 
 _WORDS = frozenset(
     [

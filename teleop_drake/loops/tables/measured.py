@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.framework.validation import ScenarioError
 
 ONE_WAY = "one way"
 HALVED = "half of rtt"

@@ -12,22 +12,32 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.numerics.smoothing import SAMPLES_PER_CYCLE, smoothed_derivative
-from teleop_drake.tables.even_rows import EvenRows, MakeEven
-from teleop_drake.tables.headers import UNITS
-from teleop_drake.tables.measured import ShowTime
-from teleop_drake.tables.motion_columns import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    CheckNumber,
+    ScenarioError,
+    Show,
+)
+from teleop_drake.loops.numerics.smoothing import SAMPLES_PER_CYCLE, smoothed_derivative
+from teleop_drake.loops.tables.even_rows import EvenRows, MakeEven
+from teleop_drake.loops.tables.headers import UNITS
+from teleop_drake.loops.tables.measured import ShowTime
+from teleop_drake.loops.tables.motion_columns import (
     QUANTITIES,
     ROLES,
     FindColumns,
     MotionColumns,
 )
-from teleop_drake.tables.reader import IsBinary, ReadAnyText, ReadTable, TableOfText
-from teleop_drake.tables.source import TableSource
-from teleop_drake.tables.stamps import Times
-from teleop_drake.tables.table import Table
-from teleop_drake.validation import CheckChoice, CheckNumber, ScenarioError, Show
+from teleop_drake.loops.tables.reader import (
+    IsBinary,
+    ReadAnyText,
+    ReadTable,
+    TableOfText,
+)
+from teleop_drake.loops.tables.source import TableSource
+from teleop_drake.loops.tables.stamps import Times
+from teleop_drake.loops.tables.table import Table
 
 # The bandwidth in Hz of the derivative of positions, if none is given. Assumed:
 # voluntary motions of a hand are slower, physiological tremor is at 8 to 12 Hz.

@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple, NoReturn
 
-from teleop_drake.tables.headers import UNITS, IsTime, ParseHeader
-from teleop_drake.tables.source import TableSource
-from teleop_drake.tables.table import Table
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.headers import UNITS, IsTime, ParseHeader
+from teleop_drake.loops.tables.source import TableSource
+from teleop_drake.loops.tables.table import Table
 
 ROLES = ("time", "velocity", "position")
 """The roles of columns that a user may name; all but `time` are lists, one an axis."""

@@ -7,20 +7,20 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Flags
-from teleop_drake.tables.headers import TIME_WORDS, UNITS, ParseHeader
-from teleop_drake.tables.losses import AreLost, Unwrapped
-from teleop_drake.tables.measured import (
+from teleop_drake.loops.framework.arrays import Array, Flags
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.headers import TIME_WORDS, UNITS, ParseHeader
+from teleop_drake.loops.tables.losses import AreLost, Unwrapped
+from teleop_drake.loops.tables.measured import (
     BETWEEN_STAMPS,
     HALVED,
     ONE_WAY,
     InOrder,
     Packets,
 )
-from teleop_drake.tables.source import TableSource
-from teleop_drake.tables.stamps import ReadTimes
-from teleop_drake.tables.table import Table
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.tables.source import TableSource
+from teleop_drake.loops.tables.stamps import ReadTimes
+from teleop_drake.loops.tables.table import Table
 
 # What names of columns mean, in the order in which they are tried: a `round_trip_time`
 # is no time of sending. The names are those of ParseHeader().

@@ -1,12 +1,13 @@
 """Reads measured packets: when each was sent, and how long it took."""
 
-from teleop_drake.kinds import FileOf
-from teleop_drake.tables.histogram import Histogram, HistogramOf
-from teleop_drake.tables.json_reports import PacketsOfReport
-from teleop_drake.tables.measured import Packets as Packets
-from teleop_drake.tables.packet_table import ROLES, PacketsOfTable
-from teleop_drake.tables.ping import IsPing, PacketsOfPing
-from teleop_drake.tables.reader import (
+from teleop_drake.loops.framework.kinds import FileOf
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.histogram import Histogram, HistogramOf
+from teleop_drake.loops.tables.json_reports import PacketsOfReport
+from teleop_drake.loops.tables.measured import Packets as Packets
+from teleop_drake.loops.tables.packet_table import ROLES, PacketsOfTable
+from teleop_drake.loops.tables.ping import IsPing, PacketsOfPing
+from teleop_drake.loops.tables.reader import (
     IsBinary,
     OfRecords,
     OfText,
@@ -14,9 +15,8 @@ from teleop_drake.tables.reader import (
     ReadAnyText,
     ReadTable,
 )
-from teleop_drake.tables.source import TableSource
-from teleop_drake.tables.table import Table
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.tables.source import TableSource
+from teleop_drake.loops.tables.table import Table
 
 
 def ReadPackets(path: str, given: object) -> Packets:

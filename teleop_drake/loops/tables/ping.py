@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.tables.losses import Unwrapped
-from teleop_drake.tables.measured import HALVED, Packets
-from teleop_drake.tables.ping_stamps import SplitStamp, TimesOfStamps
-from teleop_drake.tables.ping_summary import ParseTime, PingSummary, ReadSummary
-from teleop_drake.tables.source import TableSource
-from teleop_drake.validation import CheckNumber, ScenarioError
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.framework.validation import CheckNumber, ScenarioError
+from teleop_drake.loops.tables.losses import Unwrapped
+from teleop_drake.loops.tables.measured import HALVED, Packets
+from teleop_drake.loops.tables.ping_stamps import SplitStamp, TimesOfStamps
+from teleop_drake.loops.tables.ping_summary import ParseTime, PingSummary, ReadSummary
+from teleop_drake.loops.tables.source import TableSource
 
 # `icmp_seq=5`, `seq=5`, `icmp_seq 5`, `: [5],`
 _SEQUENCE = re.compile(r"\b(?:icmp_)?seq[ =:]\s?(\d{1,15})\b|(?:^|\s): \[(\d{1,15})\],")

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.tables.measured import SET_BACK, ShowTime
-from teleop_drake.tables.stamps import ReadTimes
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables.measured import SET_BACK, ShowTime
+from teleop_drake.loops.tables.stamps import ReadTimes
 
 # Seconds since 1970 (`ping -D`), a date, or a date of any form with a time of day. No
 # colon may stand before that one, so that it is no part of an IPv6 address.

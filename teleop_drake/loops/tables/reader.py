@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_drake.files import ReadBytes, ReadStart
-from teleop_drake.tables.arrays_of_files import ReadArrays
-from teleop_drake.tables.split_stamps import JoinStamps
-from teleop_drake.tables.table import Table
-from teleop_drake.tables.text import SplitText
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.files import ReadBytes, ReadStart
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.arrays_of_files import ReadArrays
+from teleop_drake.loops.tables.split_stamps import JoinStamps
+from teleop_drake.loops.tables.table import Table
+from teleop_drake.loops.tables.text import SplitText
 
 if TYPE_CHECKING:
     import pandas

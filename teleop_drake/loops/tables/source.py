@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from teleop_drake.tables.headers import UNITS, CleanUnit
-from teleop_drake.validation import Choices, Refuse, Show
+from teleop_drake.loops.framework.validation import Choices, Refuse, Show
+from teleop_drake.loops.tables.headers import UNITS, CleanUnit
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from teleop_drake.tables.headers import UNITS, ParseHeader
+from teleop_drake.loops.tables.headers import UNITS, ParseHeader
 
 if TYPE_CHECKING:
     import pandas

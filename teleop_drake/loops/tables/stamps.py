@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Flags, Indices
-from teleop_drake.tables.headers import UNITS
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Array, Flags, Indices
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.headers import UNITS
 
 if TYPE_CHECKING:
     import pandas

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Flags, Indices
-from teleop_drake.tables.headers import UNITS, CleanUnit, ParseHeader
-from teleop_drake.tables.losses import AreLost
-from teleop_drake.tables.stamps import ReadTimes, Times
-from teleop_drake.validation import Choices, ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Array, Flags, Indices
+from teleop_drake.loops.framework.validation import Choices, ScenarioError, Show
+from teleop_drake.loops.tables.headers import UNITS, CleanUnit, ParseHeader
+from teleop_drake.loops.tables.losses import AreLost
+from teleop_drake.loops.tables.stamps import ReadTimes, Times
 
 if TYPE_CHECKING:
     import pandas

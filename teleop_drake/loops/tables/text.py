@@ -9,8 +9,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from teleop_drake.tables.headers import UNITS, CleanUnit
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.validation import ScenarioError, Show
+from teleop_drake.loops.tables.headers import UNITS, CleanUnit
 
 # The separators, the most certain first. A decimal comma is less certain than a comma
 # that separates; blanks also stand within dates.

@@ -2,8 +2,8 @@
 
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
-from teleop_drake.laws.task_space import Tool
+from teleop_drake.loops.engine.plant_tree import ReadPlantTree
+from teleop_drake.model.laws.task_space import Tool
 
 
 def ReadTool(plant: MultibodyPlant, frame_name: str, num_axes: int) -> Tool:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def delivered_force(friction: Array, F: Array, v: Array) -> Array:

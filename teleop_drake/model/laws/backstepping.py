@@ -54,12 +54,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.gains import LawGains, min_eigenvalue
-from teleop_drake.laws.gaussian_network import Lattice, gaussian_functions
-from teleop_drake.laws.task_space import position_rate
-from teleop_drake.numerics.jacobi import singular_values
-from teleop_drake.validation import CheckGain, CheckNumber, Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckGain, CheckNumber, Refuse
+from teleop_drake.loops.numerics.jacobi import singular_values
+from teleop_drake.model.laws.gains import LawGains, min_eigenvalue
+from teleop_drake.model.laws.gaussian_network import Lattice, gaussian_functions
+from teleop_drake.model.laws.task_space import position_rate
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

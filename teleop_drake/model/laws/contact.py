@@ -24,8 +24,8 @@ Source: Y. C. Fung, "Biomechanics: Mechanical Properties of Living Tissues", Spr
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.task_space import translation
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.laws.task_space import translation
 
 
 def hunt_crossley_force(

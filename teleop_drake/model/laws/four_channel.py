@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.task_space import displacement, position_rate
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.laws.task_space import displacement, position_rate
 
 
 class Station(NamedTuple):

@@ -7,8 +7,8 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

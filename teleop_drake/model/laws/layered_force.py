@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.task_space import translation
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.laws.task_space import translation
 
 
 def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:

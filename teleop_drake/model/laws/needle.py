@@ -25,9 +25,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.task_space import rotated
-from teleop_drake.numerics.rigid_body import cross
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.numerics.rigid_body import cross
+from teleop_drake.model.laws.task_space import rotated
 
 # Gauss's points on [0, 1]; each has the weight 1/2.
 _POINTS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)

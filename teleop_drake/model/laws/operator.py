@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def operator_mode(state: Array) -> float:

@@ -26,7 +26,7 @@ communication delay", Mechatronics 20 (2010).
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def injected_resistance(

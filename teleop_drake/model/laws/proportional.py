@@ -16,8 +16,8 @@ delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.task_space import displacement, position_rate
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.laws.task_space import displacement, position_rate
 
 
 def coupling_force(x_m: Array, x_s: Array, K: Array) -> Array:

@@ -71,8 +71,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.backstepping import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     damped_force_error,
     damped_rate,

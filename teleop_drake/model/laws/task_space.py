@@ -58,8 +58,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.numerics.rigid_body import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.numerics.rigid_body import (
     Motion,
     RigidBodyTree,
     calc_bias_acceleration,

@@ -29,11 +29,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.gains import LawGains, min_eigenvalue
-from teleop_drake.laws.task_space import Tool, place_tool, tool_bias
-from teleop_drake.numerics.rigid_body import calc_dynamics, calc_motion
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.loops.numerics.rigid_body import calc_dynamics, calc_motion
+from teleop_drake.model.laws.gains import LawGains, min_eigenvalue
+from teleop_drake.model.laws.task_space import Tool, place_tool, tool_bias
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,7 +25,7 @@ Trans. Robot. Autom. 9 (1993).
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.loops.framework.arrays import Array
 
 
 def llewellyn(matrix: ArrayLike) -> Array:

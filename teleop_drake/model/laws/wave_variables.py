@@ -23,8 +23,8 @@ import math
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
 
 
 def wave_root(b: Array) -> Array:

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, overload
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.signals import Signals
-from teleop_drake.validation import RefuseGiven
+from teleop_drake.loops.framework.signals import Signals
+from teleop_drake.loops.framework.validation import RefuseGiven
 
 if TYPE_CHECKING:
-    from teleop_drake.scenario import ScenarioLike
-    from teleop_drake.simulation.compiled_scenario import CompiledScenario
-    from teleop_drake.simulation.compiled_system import CompiledSystem
+    from teleop_drake.loops.run.compiled_system import CompiledSystem
+    from teleop_drake.model.run.compiled_scenario import CompiledScenario
+    from teleop_drake.model.scenario import ScenarioLike
 
 
 @overload
@@ -67,7 +67,7 @@ def Compile(
             such a scenario in Drake.
     """
     if isinstance(scenario, System):
-        from teleop_drake.simulation.compiled_system import CompiledSystem
+        from teleop_drake.loops.run.compiled_system import CompiledSystem
 
         return CompiledSystem(
             scenario,
@@ -85,7 +85,7 @@ def Compile(
         signals=signals,
         suppress_initialization_events=suppress_initialization_events,
     )
-    from teleop_drake.scenario import AsScenario
-    from teleop_drake.simulation.compiled_scenario import CompiledScenario
+    from teleop_drake.model.run.compiled_scenario import CompiledScenario
+    from teleop_drake.model.scenario import AsScenario
 
     return CompiledScenario(AsScenario(scenario))

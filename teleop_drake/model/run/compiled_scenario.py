@@ -15,34 +15,34 @@ from typing import Any
 
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.blocks.architectures import Architecture
-from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
-from teleop_drake.blocks.robots.facts import FactsOfConfig
-from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.engine.check import HoldsOwnCode, ReadingDisagrees
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.run import Visited
-from teleop_drake.scenario import (
-    AnyScenario,
-    CheckSteps,
-    ScenarioError,
-)
-from teleop_drake.scenario.loading import LoadOverridden
-from teleop_drake.scenario.overrides import CHANNELS
-from teleop_drake.signals import NamedSignals
-from teleop_drake.simulation.compiled_run import (
+from teleop_drake.loops.engine.check import HoldsOwnCode, ReadingDisagrees
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.run import Visited
+from teleop_drake.loops.framework.contexts import ContextsIn, DiscreteState
+from teleop_drake.loops.framework.signals import NamedSignals
+from teleop_drake.loops.run.compiled_run import (
     CompiledDiagram,
     CompileDiagram,
     WhyNotSolved,
 )
-from teleop_drake.simulation.drake_run import RunInDrake
-from teleop_drake.simulation.scenario_run import Finish, JobOf
-from teleop_drake.simulation.system_run import NoteOnDrake, NotesOnBlocks
-from teleop_drake.stations import MakeArchitecture, WithDrivesAndSensors
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.teleoperator import MakeChannelOf
+from teleop_drake.loops.run.drake_run import RunInDrake
+from teleop_drake.loops.run.system_run import NoteOnDrake, NotesOnBlocks
+from teleop_drake.model.blocks.architectures import Architecture
+from teleop_drake.model.blocks.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.model.blocks.robots.facts import FactsOfConfig
+from teleop_drake.model.run.scenario_run import Finish, JobOf
+from teleop_drake.model.scenario import (
+    AnyScenario,
+    CheckSteps,
+    ScenarioError,
+)
+from teleop_drake.model.scenario.loading import LoadOverridden
+from teleop_drake.model.scenario.overrides import CHANNELS
+from teleop_drake.model.stations import MakeArchitecture, WithDrivesAndSensors
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks import Task, TaskOf
+from teleop_drake.model.teleoperator import MakeChannelOf
 
 # Fields of a scenario that affect no systems other than the channels, unless the
 # architecture derives defaults from them.

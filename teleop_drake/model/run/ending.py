@@ -7,11 +7,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array
-from teleop_drake.laws.task_space import MAX_ROTATION
-from teleop_drake.numerics.pieces import Pieces
-from teleop_drake.numerics.step_polynomials import part
-from teleop_drake.simulation.run import Ending, NormBound, Outcome
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.numerics.pieces import Pieces
+from teleop_drake.loops.numerics.step_polynomials import part
+from teleop_drake.loops.run.run import Ending, NormBound, Outcome
+from teleop_drake.model.laws.task_space import MAX_ROTATION
 
 # Tolerance of a joint's limits, rad or m, for rounding errors of a pose at a limit.
 _TOLERANCE = 1e-9

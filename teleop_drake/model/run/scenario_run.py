@@ -7,19 +7,24 @@ from typing import Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
-from teleop_drake.blocks.environments.surface import SurfacesIn
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.recording import Event
-from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
-from teleop_drake.signals import NamedSignals, Signals
-from teleop_drake.simulation.compiled_run import WhyNotSolved
-from teleop_drake.simulation.ending import EndAtBound
-from teleop_drake.simulation.run import Job, NormBound, Outcome
-from teleop_drake.simulation.system_run import EndWhereFinite, FieldsOf, NotesOn, RunJob
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.framework.signals import NamedSignals, Signals
+from teleop_drake.loops.framework.surface import SurfacesIn
+from teleop_drake.loops.framework.validation import CheckChoice, Refuse
+from teleop_drake.loops.run.compiled_run import WhyNotSolved
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.loops.run.run import Job, NormBound, Outcome
+from teleop_drake.loops.run.system_run import EndWhereFinite, FieldsOf, NotesOn, RunJob
+from teleop_drake.model.run.ending import EndAtBound
+from teleop_drake.model.scenario import (
+    AnyScenario,
+    AsScenario,
+    CheckSteps,
+    ScenarioLike,
+)
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks import Task, TaskOf
 
 _NO_SURFACES = (
     "The environment reports no surfaces: the operator feels no contact, and events "

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any, overload
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.recording import Recording
-from teleop_drake.signals import Signals
-from teleop_drake.simulation.system_run import ENGINES, SimulateSystem
-from teleop_drake.validation import CheckChoice, RefuseGiven
+from teleop_drake.loops.framework.signals import Signals
+from teleop_drake.loops.framework.validation import CheckChoice, RefuseGiven
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.loops.run.system_run import ENGINES, SimulateSystem
 
 if TYPE_CHECKING:
-    from teleop_drake.scenario import ScenarioLike
-    from teleop_drake.task_recording import TaskRecording
-    from teleop_drake.tasks import Task
+    from teleop_drake.model.scenario import ScenarioLike
+    from teleop_drake.model.task_recording import TaskRecording
+    from teleop_drake.model.tasks import Task
 
 
 def MakeDiagram(scenario: "ScenarioLike") -> Diagram:
@@ -26,8 +26,8 @@ def MakeDiagram(scenario: "ScenarioLike") -> Diagram:
     Raises:
         ScenarioError: If the scenario is not valid.
     """
-    from teleop_drake.scenario import AsScenario
-    from teleop_drake.tasks import TaskOf
+    from teleop_drake.model.scenario import AsScenario
+    from teleop_drake.model.tasks import TaskOf
 
     scenario = AsScenario(scenario)
     return TaskOf(scenario).MakeDiagram(scenario)
@@ -190,7 +190,7 @@ def simulate(
         suppress_initialization_events=suppress_initialization_events,
     )
     # A System needs nothing of scenarios, whose import takes a while.
-    from teleop_drake.simulation.scenario_run import SimulateScenario
+    from teleop_drake.model.run.scenario_run import SimulateScenario
 
     return SimulateScenario(
         scenario,

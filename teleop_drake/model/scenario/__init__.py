@@ -1,13 +1,14 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data."""
 
-from teleop_drake.blocks.architectures import ARCHITECTURES, CONTROLLERS
-from teleop_drake.blocks.environments.layered_force_field import LayerConfig
-from teleop_drake.scenario.config import (
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.architectures import ARCHITECTURES, CONTROLLERS
+from teleop_drake.model.blocks.environments.layered_force_field import LayerConfig
+from teleop_drake.model.scenario.config import (
     TRACKING_CONTROLLERS,
     ControllerConfig,
     TrajectoryConfig,
 )
-from teleop_drake.scenario.loading import (
+from teleop_drake.model.scenario.loading import (
     AsScenario,
     AsTeleoperation,
     CheckSteps,
@@ -16,8 +17,8 @@ from teleop_drake.scenario.loading import (
     ScenarioFromYaml,
     ScenarioNames,
 )
-from teleop_drake.scenario.overrides import DELAYS
-from teleop_drake.scenario.scenario import (
+from teleop_drake.model.scenario.overrides import DELAYS
+from teleop_drake.model.scenario.scenario import (
     AnyScenario,
     CheckStart,
     Scenario,
@@ -25,7 +26,6 @@ from teleop_drake.scenario.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.validation import ScenarioError
 
 __all__ = [
     "ARCHITECTURES",

@@ -11,30 +11,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from teleop_drake.blocks.architectures import (
-    ARCHITECTURE_KINDS,
-    ARCHITECTURES,
-    AdaptiveBacksteppingConfig,
-    ArchitectureConfig,
-    DampedForceConfig,
-    FourChannelConfig,
-    ProportionalDampingConfig,
-    SmithPredictorConfig,
-    TimeDomainPassivityConfig,
-    WaveVariablesConfig,
-)
-from teleop_drake.blocks.architectures.adaptive_backstepping import (
-    BacksteppingParameters,
-    NetworkConfig,
-)
-from teleop_drake.blocks.architectures.robust_backstepping import (
-    RobustBacksteppingConfig,
-    RobustTermsConfig,
-)
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
-from teleop_drake.blocks.robots import RobotConfig
-from teleop_drake.scenario.tree import FromTree
-from teleop_drake.validation import (
+from teleop_drake.loops.delays.base import SHORTEST_TIME
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckChoice,
     CheckNumber,
@@ -49,6 +27,28 @@ from teleop_drake.validation import (
     Show,
     Within,
 )
+from teleop_drake.model.blocks.architectures import (
+    ARCHITECTURE_KINDS,
+    ARCHITECTURES,
+    AdaptiveBacksteppingConfig,
+    ArchitectureConfig,
+    DampedForceConfig,
+    FourChannelConfig,
+    ProportionalDampingConfig,
+    SmithPredictorConfig,
+    TimeDomainPassivityConfig,
+    WaveVariablesConfig,
+)
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
+    BacksteppingParameters,
+    NetworkConfig,
+)
+from teleop_drake.model.blocks.architectures.robust_backstepping import (
+    RobustBacksteppingConfig,
+    RobustTermsConfig,
+)
+from teleop_drake.model.blocks.robots import RobotConfig
+from teleop_drake.model.scenario.tree import FromTree
 
 TRACKING_CONTROLLERS = ("network_tracking",)
 """The kinds of controllers of a TrackingScenario."""

@@ -7,9 +7,16 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Record
-from teleop_drake.kinds import KIND_KEYS, IsOwn, WithFile
-from teleop_drake.scenario.overrides import (
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.kinds import KIND_KEYS, IsOwn, WithFile
+from teleop_drake.loops.framework.solver import MAX_STEPS
+from teleop_drake.loops.framework.validation import (
+    CheckKind,
+    Choices,
+    Refuse,
+    ScenarioError,
+)
+from teleop_drake.model.scenario.overrides import (
     CHANNELS,
     DELAYS,
     Overrides,
@@ -17,17 +24,15 @@ from teleop_drake.scenario.overrides import (
     SetFields,
     SetPath,
 )
-from teleop_drake.scenario.scenario import (
+from teleop_drake.model.scenario.scenario import (
     AnyScenario,
     Scenario,
     ScenarioFiles,
     ScenarioLike,
     TrackingScenario,
 )
-from teleop_drake.scenario.tree import FromTree, ToTree
-from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
-from teleop_drake.solver import MAX_STEPS
-from teleop_drake.validation import CheckKind, Choices, Refuse, ScenarioError
+from teleop_drake.model.scenario.tree import FromTree, ToTree
+from teleop_drake.model.scenario.yaml_text import ParseFile, ParseYaml
 
 _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 

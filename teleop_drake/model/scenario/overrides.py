@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from teleop_drake.scenario.tree import ToTree
-from teleop_drake.scenario.yaml_text import ParseYaml
-from teleop_drake.validation import Choices, ScenarioError, Show
+from teleop_drake.loops.framework.validation import Choices, ScenarioError, Show
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.model.scenario.yaml_text import ParseYaml
 
 # The largest number of paths that a message suggests.
 _MOST_PATHS = 3

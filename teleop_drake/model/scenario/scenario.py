@@ -20,43 +20,13 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.architectures import Facts
-from teleop_drake.blocks.channels import ChannelConfig, ConstantDelay
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
-from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
-from teleop_drake.blocks.environments import (
-    CONTACT,
-    EnvironmentConfig,
-    FindSurface,
-    Surface,
-)
-from teleop_drake.blocks.environments.base import StiffnessAndDamping
-from teleop_drake.blocks.environments.kinds import ENVIRONMENT_KINDS
-from teleop_drake.blocks.operators import ConstantVelocityConfig, OperatorConfig
-from teleop_drake.blocks.robots import (
-    ROBOT_KINDS,
-    FactsOfConfig,
-    FactsOfRobot,
-    PlantRobotConfig,
-    RobotConfig,
-)
-from teleop_drake.blocks.systems.actuator import ActuatorConfig
-from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
-from teleop_drake.blocks.systems.sampled_sensor import SensorConfig
-from teleop_drake.kinds import FileOf, KindConfig
-from teleop_drake.scenario.config import (
-    CheckSimulatorConfig,
-    ControllerConfig,
-    DisturbanceConfig,
-    TrackingControllerConfig,
-    TrajectoryConfig,
-)
-from teleop_drake.scenario.overrides import CHANNELS, FieldsOf, GetPath
-from teleop_drake.scenario.tree import FromTree, ToTree
-from teleop_drake.scenario.yaml_text import DumpYaml
-from teleop_drake.solver import DefaultSimulator
-from teleop_drake.validation import (
+from teleop_drake.loops.delays import ChannelConfig, ConstantDelay
+from teleop_drake.loops.delays.base import SHORTEST_TIME
+from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.kinds import FileOf, KindConfig
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckKind,
     CheckVector,
@@ -69,6 +39,36 @@ from teleop_drake.validation import (
     Show,
     Within,
 )
+from teleop_drake.model.blocks.architectures import Facts
+from teleop_drake.model.blocks.environments import (
+    CONTACT,
+    EnvironmentConfig,
+    FindSurface,
+    Surface,
+)
+from teleop_drake.model.blocks.environments.base import StiffnessAndDamping
+from teleop_drake.model.blocks.environments.kinds import ENVIRONMENT_KINDS
+from teleop_drake.model.blocks.operators import ConstantVelocityConfig, OperatorConfig
+from teleop_drake.model.blocks.robots import (
+    ROBOT_KINDS,
+    FactsOfConfig,
+    FactsOfRobot,
+    PlantRobotConfig,
+    RobotConfig,
+)
+from teleop_drake.model.blocks.systems.actuator import ActuatorConfig
+from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.model.blocks.systems.sampled_sensor import SensorConfig
+from teleop_drake.model.scenario.config import (
+    CheckSimulatorConfig,
+    ControllerConfig,
+    DisturbanceConfig,
+    TrackingControllerConfig,
+    TrajectoryConfig,
+)
+from teleop_drake.model.scenario.overrides import CHANNELS, FieldsOf, GetPath
+from teleop_drake.model.scenario.tree import FromTree, ToTree
+from teleop_drake.model.scenario.yaml_text import DumpYaml
 
 # The largest acceleration of gravity, m/s^2. With more, joints move too fast for the
 # solver's steps.

@@ -16,9 +16,9 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 
-from teleop_drake.arrays import Array, Record
-from teleop_drake.kinds import KindConfig, KindTable, TableOf
-from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Array, Record
+from teleop_drake.loops.framework.kinds import KindConfig, KindTable, TableOf
+from teleop_drake.loops.framework.validation import Choices, Refuse, ScenarioError, Show
 
 _T = TypeVar("_T")
 

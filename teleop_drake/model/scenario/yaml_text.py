@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
-from teleop_drake.files import ReadText
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.loops.framework.files import ReadText
+from teleop_drake.loops.framework.validation import ScenarioError, Show
 
 # Common forms of numbers that YAML 1.1 reads as text, such as 1e-2, 1.5e3 and -.5. It
 # requires a dot, a sign of the exponent, and a digit between sign and dot.

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from teleop_drake.kinds import ImportOwn
-from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
-from teleop_drake.tasks.base import SpeedLimit, Task
-from teleop_drake.tasks.insertion import Insertion
-from teleop_drake.tasks.tracking import Tracking
-from teleop_drake.validation import Refuse, WrongKind
+from teleop_drake.loops.framework.kinds import ImportOwn
+from teleop_drake.loops.framework.validation import Refuse, WrongKind
+from teleop_drake.model.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.model.tasks.base import SpeedLimit, Task
+from teleop_drake.model.tasks.insertion import Insertion
+from teleop_drake.model.tasks.tracking import Tracking
 
 TASKS: dict[type, Task[Any]] = {Scenario: Insertion(), TrackingScenario: Tracking()}
 """The task of each class of scenarios and of its derived classes."""
@@ -24,7 +24,7 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     if own is not None:
         kind = ImportOwn(own, "task")
         if not (isinstance(kind, type) and issubclass(kind, Task)):
-            Refuse("task", own, "a class that derives from teleop_drake.tasks.Task")
+            Refuse("task", own, "a class that derives from tasks.Task")
         return kind()
     for scenario_class, task in TASKS.items():
         if isinstance(scenario, scenario_class):

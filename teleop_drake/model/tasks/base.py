@@ -7,13 +7,13 @@ from typing import ClassVar, Generic, TypeVar
 
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.arrays import Names, Record
-from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.recording import Event
-from teleop_drake.scenario import AnyScenario
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks.panels import SignalRow
-from teleop_drake.tasks.sentences import DurationInWords, Sentence
+from teleop_drake.loops.delays import ChannelConfig
+from teleop_drake.loops.framework.arrays import Names, Record
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.model.scenario import AnyScenario
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks.panels import SignalRow
+from teleop_drake.model.tasks.sentences import DurationInWords, Sentence
 
 _S = TypeVar("_S", bound=AnyScenario)
 

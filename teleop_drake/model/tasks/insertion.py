@@ -6,15 +6,15 @@ from typing import ClassVar
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.arrays import Record
-from teleop_drake.blocks.environments import CONTACT, PUNCTURE
-from teleop_drake.recording import Event
-from teleop_drake.scenario import CONTROLLERS, Scenario
-from teleop_drake.signals import AxisUnit
-from teleop_drake.stations import MakeArchitecture
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
-from teleop_drake.tasks.insertion_metrics import (
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.signals import AxisUnit
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.model.blocks.environments import CONTACT, PUNCTURE
+from teleop_drake.model.scenario import CONTROLLERS, Scenario
+from teleop_drake.model.stations import MakeArchitecture
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks.base import Divergence, SpeedLimit, Task
+from teleop_drake.model.tasks.insertion_metrics import (
     AXIS_METRICS,
     COLLISION_METRICS,
     PUNCTURE_METRICS,
@@ -23,9 +23,9 @@ from teleop_drake.tasks.insertion_metrics import (
     InsertionRun,
     StartVelocityOvershoot,
 )
-from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
-from teleop_drake.tasks.sentences import InsertionInWords, Sentence
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.model.tasks.panels import AxisName, NormalOfRuns, SignalRow
+from teleop_drake.model.tasks.sentences import InsertionInWords, Sentence
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 # Names of the events of crossing a surface, inwards and outwards.
 _CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}

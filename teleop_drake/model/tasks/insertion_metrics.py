@@ -3,7 +3,7 @@
 Each metric is one of the functions below, computed from the signals of an InsertionRun.
 In each step of the run the signals are polynomials. The instant of an event is a root
 of such a polynomial, a peak is its extreme, and integrals are exact. The operations are
-defined in teleop_drake.numerics.pieces. To add your own metric, write such a function
+defined in numerics.pieces. To add your own metric, write such a function
 and call it in the Metrics() of your own task. Pages do not show it.
 """
 
@@ -12,9 +12,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments import CONTACT, PUNCTURE, FindSurface, Surface
-from teleop_drake.numerics.pieces import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.numerics.pieces import (
     SAME_INSTANT,
     Band,
     Crossings,
@@ -28,7 +27,13 @@ from teleop_drake.numerics.pieces import (
     values_in,
     variation,
 )
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.model.blocks.environments import (
+    CONTACT,
+    PUNCTURE,
+    FindSurface,
+    Surface,
+)
+from teleop_drake.model.task_recording import TaskRecording
 
 AT_REST = 1e-6
 """The share of |v_d| below which a command counts as zero, because of rounding."""

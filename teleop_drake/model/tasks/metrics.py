@@ -4,14 +4,14 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from teleop_drake.arrays import Record
-from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
-from teleop_drake.numerics.step_polynomials import finite_part
-from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import AxesOf, AxisUnit
-from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
-from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.delays.packet_statistics import PacketStatistics
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.signals import AxesOf, AxisUnit
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.numerics.step_polynomials import finite_part
+from teleop_drake.model.scenario import AnyScenario
+from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
+from teleop_drake.model.tasks import Task, TaskOf
 
 CHANNEL_METRICS = {
     item.name: "s" if item.name.startswith(("delay_", "age_")) else ""

@@ -1,13 +1,13 @@
-"""Panels of a run's figures, as plain data that teleop_drake.figures draws."""
+"""Panels of a run's figures, as plain data that teleop_drake.study.figures draws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.blocks.environments import ShownNormal
-from teleop_drake.signals import AxesOf
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.loops.framework.signals import AxesOf
+from teleop_drake.model.blocks.environments import ShownNormal
+from teleop_drake.model.task_recording import TaskRecording
 
 
 @dataclass(kw_only=True)

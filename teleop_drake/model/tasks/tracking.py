@@ -7,23 +7,23 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
-from teleop_drake.arrays import Array, Record
-from teleop_drake.blocks.robots import PlantRobotConfig
-from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
-from teleop_drake.blocks.systems.network_tracking_controller import (
+from teleop_drake.loops.framework.arrays import Array, Record
+from teleop_drake.loops.framework.signals import NamedSignals
+from teleop_drake.loops.framework.validation import GainMatrix
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.loops.numerics.pieces import Pieces, extremes, rms
+from teleop_drake.loops.run.recording import Event
+from teleop_drake.model.blocks.robots import PlantRobotConfig
+from teleop_drake.model.blocks.systems.disturbance_force import DisturbanceForce
+from teleop_drake.model.blocks.systems.network_tracking_controller import (
     NetworkTrackingController,
 )
-from teleop_drake.laws.tracking import TrackingGains
-from teleop_drake.numerics.pieces import Pieces, extremes, rms
-from teleop_drake.recording import Event
-from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
-from teleop_drake.signals import NamedSignals
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
-from teleop_drake.tasks.panels import AxisName, SignalRow
-from teleop_drake.tasks.sentences import Sentence, TrackingInWords
-from teleop_drake.validation import GainMatrix
-from teleop_drake.wiring import Wire
+from teleop_drake.model.laws.tracking import TrackingGains
+from teleop_drake.model.scenario import TrackingScenario, TrajectoryConfig
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks.base import Divergence, SpeedLimit, Task
+from teleop_drake.model.tasks.panels import AxisName, SignalRow
+from teleop_drake.model.tasks.sentences import Sentence, TrackingInWords
 
 
 class TrackingRun:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.numerics.step_polynomials import integrate_product
-from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.numerics.step_polynomials import integrate_product
+from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -58,34 +58,40 @@ from itertools import chain
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, Split, States, TimesOf
-from teleop_drake.analysis.loop_model import (
-    CutLoop,
-    LoopModel,
-    Motion,
-    TwoPortModel,
-)
-from teleop_drake.analysis.loop_parts import (
-    CutTeleoperator,
-    ReadLoopBlocks,
-    SignalsAt,
-    StatesOf,
-)
-from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.analysis.tool_motion import ToolMotion
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.blocks.environments import CONTACT, SurfacesOf
-from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.kernel.linear_part import (
+from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError, Within
+from teleop_drake.loops.kernel.linear_part import (
     FROZEN_WEIGHTS,
     IDLE_PASSIVITY,
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.numerics.state_space import StateSpace, close_loops
-from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
-from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.validation import Refuse, ScenarioError, Within
+from teleop_drake.loops.linear.cut_diagram import (
+    Cut,
+    CutDiagram,
+    Split,
+    States,
+    TimesOf,
+)
+from teleop_drake.loops.numerics.state_space import StateSpace, close_loops
+from teleop_drake.model.blocks.environments import CONTACT, SurfacesOf
+from teleop_drake.model.blocks.operators import ConstantVelocityOperator
+from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.loop_model import (
+    CutLoop,
+    LoopModel,
+    Motion,
+    TwoPortModel,
+)
+from teleop_drake.study.analysis.loop_parts import (
+    CutTeleoperator,
+    ReadLoopBlocks,
+    SignalsAt,
+    StatesOf,
+)
+from teleop_drake.study.analysis.operating_point import OperatingPoint
+from teleop_drake.study.analysis.tool_motion import ToolMotion
 
 # The rate of the model is a central difference of models at two points on the path.
 # This is their distance from the operating point as a share of the distance to the

@@ -7,10 +7,10 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.analysis.operating_point import OperatingPoint
-from teleop_drake.arrays import Array, ComplexArray, Indices
-from teleop_drake.numerics.crossings import closed_loop_matrix
-from teleop_drake.numerics.state_space import StateSpace, state_space
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Indices
+from teleop_drake.loops.numerics.crossings import closed_loop_matrix
+from teleop_drake.loops.numerics.state_space import StateSpace, state_space
+from teleop_drake.study.analysis.operating_point import OperatingPoint
 
 # The circles about 0 that MotionRate() examines: their number per decade, the number of
 # decades below the fastest mode, and the points on the upper half of each circle. Roots

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, States
-from teleop_drake.analysis.loop_model import AtCuts, Signals
-from teleop_drake.kernel.linear_part import LinearPart, LinearPartOf
-from teleop_drake.validation import ScenarioError, Within
+from teleop_drake.loops.framework.validation import ScenarioError, Within
+from teleop_drake.loops.kernel.linear_part import LinearPart, LinearPartOf
+from teleop_drake.loops.linear.cut_diagram import Cut, CutDiagram, States
+from teleop_drake.study.analysis.loop_model import AtCuts, Signals
 
 PARTS = ("master", "controller", "environment", "robot")
 """The systems that make up the linear model; the channels between them are cut."""

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments.base import ForceAt, StiffnessAndDamping
-from teleop_drake.blocks.environments.surface import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.surface import (
     CONTACT,
     EMPTY,
     FindSurface,
@@ -20,10 +19,11 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     SurfacesOf,
 )
-from teleop_drake.blocks.robots import FactsOfConfig
-from teleop_drake.numerics.bisection import halve
-from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError
+from teleop_drake.loops.numerics.bisection import halve
+from teleop_drake.model.blocks.environments.base import ForceAt, StiffnessAndDamping
+from teleop_drake.model.blocks.robots import FactsOfConfig
+from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
 
 POSITION = "position"
 """The key of charts for the tool's position on its path; see OperatingPointAt."""

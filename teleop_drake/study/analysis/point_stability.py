@@ -34,14 +34,13 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.analysis.loop_model import CutLoop, LoopModel, Motion
-from teleop_drake.arrays import ComplexArray
-from teleop_drake.numerics.characteristic_roots import (
+from teleop_drake.loops.framework.arrays import ComplexArray
+from teleop_drake.loops.numerics.characteristic_roots import (
     characteristic_roots,
     rightmost,
 )
-from teleop_drake.numerics.crossings import Crossing, closed_loop_matrix
-from teleop_drake.numerics.delay_margin import (
+from teleop_drake.loops.numerics.crossings import Crossing, closed_loop_matrix
+from teleop_drake.loops.numerics.delay_margin import (
     delay_margin,
     find_crossings,
     is_delay_robust,
@@ -49,7 +48,8 @@ from teleop_drake.numerics.delay_margin import (
     stable_delays,
     unstable_roots,
 )
-from teleop_drake.numerics.state_space import StateSpace, minimal_realization
+from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
+from teleop_drake.study.analysis.loop_model import CutLoop, LoopModel, Motion
 
 MAX_DELAY = 2.0
 """The default upper end of the reported intervals of round-trip delays, in s."""

@@ -14,23 +14,23 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.loop_model import LoopModel
-from teleop_drake.analysis.operating_point import (
+from teleop_drake.loops.framework.validation import CheckNumber, ScenarioError
+from teleop_drake.loops.numerics.delay_margin import is_delay_robust
+from teleop_drake.model.blocks.environments import SurfacesOf
+from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.loop_model import LoopModel
+from teleop_drake.study.analysis.operating_point import (
     IsBehindContact,
     OperatingPoint,
     OperatingPoints,
     PointOfRest,
 )
-from teleop_drake.analysis.point_stability import (
+from teleop_drake.study.analysis.point_stability import (
     MAX_DELAY,
     AnalyzeModel,
     PointStability,
 )
-from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.numerics.delay_margin import is_delay_robust
-from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
-from teleop_drake.validation import CheckNumber, ScenarioError
 
 NO_LOOP = "tracking has no loop with a delay"
 """The reason for refusing a task that is not a teleoperation."""

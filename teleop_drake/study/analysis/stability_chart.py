@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.analysis.operating_point import POSITION, OperatingPointAt
-from teleop_drake.analysis.point_stability import MAX_DELAY
-from teleop_drake.analysis.stability import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.model.scenario.overrides import Overrides, ParseOverrides
+from teleop_drake.study.analysis.operating_point import POSITION, OperatingPointAt
+from teleop_drake.study.analysis.point_stability import MAX_DELAY
+from teleop_drake.study.analysis.stability import (
     NO_LOOP,
     AnalyzeStability,
     StabilityAnalysis,
 )
-from teleop_drake.arrays import Array
-from teleop_drake.scenario import AsTeleoperation, LoadScenario
-from teleop_drake.scenario.overrides import Overrides, ParseOverrides
-from teleop_drake.validation import Refuse
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

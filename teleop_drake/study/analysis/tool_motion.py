@@ -16,11 +16,11 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import Context, OutputPort, System
 
-from teleop_drake.analysis.cut_diagram import States
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.robots import RobotConfig
-from teleop_drake.laws.task_space import position_rate
-from teleop_drake.validation import Refuse, ScenarioError, Show
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError, Show
+from teleop_drake.loops.linear.cut_diagram import States
+from teleop_drake.model.blocks.robots import RobotConfig
+from teleop_drake.model.laws.task_space import position_rate
 
 # The largest distance in m of the tool from the position that the joints should reach.
 _TOLERANCE = 1e-6

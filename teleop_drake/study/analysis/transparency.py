@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoint, OperatingPoints
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.laws.two_port import llewellyn
-from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.model.laws.two_port import llewellyn
+from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoint, OperatingPoints
 
 
 def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray:

@@ -16,22 +16,29 @@ from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
 
-from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
-from teleop_drake.analysis.point_stability import PointStability
-from teleop_drake.analysis.stability import StabilityAnalysis
-from teleop_drake.analysis.stability_chart import StabilityChart
-from teleop_drake.analysis.transparency import FeltStiffness, Transparency
-from teleop_drake.arrays import Array, ComplexArray, Interval
-from teleop_drake.blocks.environments import ShownNormal
-from teleop_drake.figures import style
-from teleop_drake.figures.labels import AxisLabel
-from teleop_drake.figures.layout import MakeMultiples, Panels
-from teleop_drake.figures.port_models import Model, PlotModelBode, PlotModelNyquist
-from teleop_drake.figures.style import GREY, AddLegend, Figure, Key, RunKeys, RunStyle
-from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
-from teleop_drake.scenario import Scenario
-from teleop_drake.signals import AxesOf
-from teleop_drake.validation import CheckKind, Refuse
+from teleop_drake.loops.draw import style
+from teleop_drake.loops.draw.layout import MakeMultiples, Panels
+from teleop_drake.loops.draw.port_models import Model, PlotModelBode, PlotModelNyquist
+from teleop_drake.loops.draw.style import (
+    GREY,
+    AddLegend,
+    Figure,
+    Key,
+    RunKeys,
+    RunStyle,
+)
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Interval
+from teleop_drake.loops.framework.signals import AxesOf
+from teleop_drake.loops.framework.validation import CheckKind, Refuse
+from teleop_drake.loops.numerics.crossings import eigenloci, sweep_frequencies
+from teleop_drake.model.blocks.environments import ShownNormal
+from teleop_drake.model.scenario import Scenario
+from teleop_drake.study.analysis.operating_point import POSITION, OperatingPoints
+from teleop_drake.study.analysis.point_stability import PointStability
+from teleop_drake.study.analysis.stability import StabilityAnalysis
+from teleop_drake.study.analysis.stability_chart import StabilityChart
+from teleop_drake.study.analysis.transparency import FeltStiffness, Transparency
+from teleop_drake.study.figures.labels import AxisLabel
 
 _ROW_HEIGHT = 1.9  # inches
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
-from teleop_drake.signals import AxesOf
-from teleop_drake.sweep.statistics import CONTROLLERS
+from teleop_drake.loops.framework.signals import AxesOf
+from teleop_drake.study.sweep.statistics import CONTROLLERS
 
 # Keys of a sweep that are delays.
 DELAYS = ("delay", "forward_delay", "return_delay")

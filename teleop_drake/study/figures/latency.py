@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from teleop_drake.analysis.latency import Latency
-from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels
-from teleop_drake.figures.style import COLORS, GREY, Figure, Key, Look
-from teleop_drake.validation import CheckKind
+from teleop_drake.loops.draw import style
+from teleop_drake.loops.draw.layout import MakePanels
+from teleop_drake.loops.draw.style import COLORS, GREY, Figure, Key, Look
+from teleop_drake.loops.framework.validation import CheckKind
+from teleop_drake.loops.linear.latency import Latency
 
 _HEIGHT = 5.6  # inches; of three rows
 

@@ -9,14 +9,14 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
-from teleop_drake.figures.block_diagram import RenderSvg
-from teleop_drake.figures.runs import PlotRun
-from teleop_drake.figures.saving import DescribeFigure
-from teleop_drake.recording import Recording
-from teleop_drake.sweep import FlattenMetrics, MetricUnits
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.metrics import MissingInWords, RunSentence, RunSummary
+from teleop_drake.loops.draw.block_diagram import RenderSvg
+from teleop_drake.loops.draw.saving import DescribeFigure
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks import TaskOf
+from teleop_drake.model.tasks.metrics import MissingInWords, RunSentence, RunSummary
+from teleop_drake.study.figures.runs import PlotRun
+from teleop_drake.study.sweep import FlattenMetrics, MetricUnits
 
 _DPI = 90
 

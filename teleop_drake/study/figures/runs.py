@@ -17,21 +17,21 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.blocks.environments import CONTACT, PUNCTURE
-from teleop_drake.figures import style
-from teleop_drake.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
-from teleop_drake.figures.labels import ShortLabels
-from teleop_drake.figures.layout import MakePanels
-from teleop_drake.figures.saving import SaveFigure
-from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
-from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
-from teleop_drake.recording import CheckRecording, Recording
-from teleop_drake.signals import ScaleAndUnit
-from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
-from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
-from teleop_drake.validation import CheckKind, Refuse
+from teleop_drake.loops.draw import style
+from teleop_drake.loops.draw.curves import Curve, RangeOf, SampleCurve, TimeLimits
+from teleop_drake.loops.draw.layout import MakePanels
+from teleop_drake.loops.draw.saving import SaveFigure
+from teleop_drake.loops.draw.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.framework.signals import ScaleAndUnit
+from teleop_drake.loops.framework.validation import CheckKind, Refuse
+from teleop_drake.loops.run.recording import CheckRecording, Recording
+from teleop_drake.model.blocks.environments import CONTACT, PUNCTURE
+from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
+from teleop_drake.model.tasks import Task, TaskOf
+from teleop_drake.model.tasks.panels import AxisName, NormalOfRuns, SignalRow
+from teleop_drake.study.figures.labels import ShortLabels
+from teleop_drake.study.figures.selection import CheckRecordings, SelectRows, SelectTime
 
 _ROW_HEIGHT = 1.2  # inches
 _LOW_ROW_HEIGHT = 0.9  # inches; where there are several banks

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from teleop_drake.arrays import Interval
-from teleop_drake.recording import Recording
-from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
-from teleop_drake.tasks.panels import SignalRow
-from teleop_drake.validation import CheckNames, Refuse, Show
+from teleop_drake.loops.framework.arrays import Interval
+from teleop_drake.loops.framework.signals import AxesOf, AxisUnit, PartUnit, UnitOf
+from teleop_drake.loops.framework.validation import CheckNames, Refuse, Show
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.tasks.panels import SignalRow
 
 _R = TypeVar("_R", bound=Recording)
 

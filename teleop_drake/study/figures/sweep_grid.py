@@ -10,9 +10,13 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.figures import style
-from teleop_drake.figures.labels import (
+from teleop_drake.loops.draw import style
+from teleop_drake.loops.draw.layout import MakePanels, Panels
+from teleop_drake.loops.draw.style import FONT_SIZE, Figure, Key
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.framework.signals import ScaleAndUnit
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.study.figures.labels import (
     DELAYS,
     AxisLabel,
     IsNumber,
@@ -20,13 +24,9 @@ from teleop_drake.figures.labels import (
     ShortLabels,
     ValueLabel,
 )
-from teleop_drake.figures.layout import MakePanels, Panels
-from teleop_drake.figures.style import FONT_SIZE, Figure, Key
-from teleop_drake.signals import ScaleAndUnit
-from teleop_drake.sweep import SweepResult, TaskSweepResult, VariesSeedsOnly
-from teleop_drake.sweep.statistics import CONTROLLERS
-from teleop_drake.sweep.values import SEED
-from teleop_drake.validation import Refuse
+from teleop_drake.study.sweep import SweepResult, TaskSweepResult, VariesSeedsOnly
+from teleop_drake.study.sweep.statistics import CONTROLLERS
+from teleop_drake.study.sweep.values import SEED
 
 MAX_PANELS = 24
 """The largest number of panels that are large enough to read."""

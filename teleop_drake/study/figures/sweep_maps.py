@@ -9,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.figures import style
-from teleop_drake.figures.labels import AxisLabel
-from teleop_drake.figures.layout import Panels
-from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
-from teleop_drake.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
-from teleop_drake.sweep import SweepResult
-from teleop_drake.sweep.boundary import Boundary
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.draw import style
+from teleop_drake.loops.draw.layout import Panels
+from teleop_drake.loops.draw.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.study.figures.labels import AxisLabel
+from teleop_drake.study.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
+from teleop_drake.study.sweep import SweepResult
+from teleop_drake.study.sweep.boundary import Boundary
 
 Boundaries = Sequence[Sequence[Boundary]]
 """The boundaries of stability that are drawn over each panel."""

@@ -8,13 +8,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from teleop_drake.arrays import Array
-from teleop_drake.figures import style
-from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
-from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, MetricScale, SweepGrid
-from teleop_drake.sweep import SweepResult
-from teleop_drake.sweep.statistics import Bands, MedianInterval
-from teleop_drake.validation import CheckKind
+from teleop_drake.loops.draw import style
+from teleop_drake.loops.draw.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import CheckKind
+from teleop_drake.study.figures.sweep_grid import (
+    MAX_NAMED_LINES,
+    MetricScale,
+    SweepGrid,
+)
+from teleop_drake.study.sweep import SweepResult
+from teleop_drake.study.sweep.statistics import Bands, MedianInterval
 
 # Markers of the runs without a value on a line.
 _MARKS = {"diverges": "x", "fails": "^", "has none": "o"}

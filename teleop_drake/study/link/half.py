@@ -8,15 +8,15 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.robots.facts import FactsOfRobot
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.laws.task_space import displacement
-from teleop_drake.scenario import Scenario
-from teleop_drake.signals import NamedSignals, SystemsByPath
-from teleop_drake.simulation.compiled_run import StartFed
-from teleop_drake.teleoperator import AddTeleoperator
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import NamedSignals, SystemsByPath
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.run.compiled_run import StartFed
+from teleop_drake.model.blocks.robots.facts import FactsOfRobot
+from teleop_drake.model.laws.task_space import displacement
+from teleop_drake.model.scenario import Scenario
+from teleop_drake.model.teleoperator import AddTeleoperator
 
 Driver = Callable[[float, Array], Any]
 """A function of the time in s and the packet that is fed; returns the one to send."""

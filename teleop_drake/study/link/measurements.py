@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.link.half import Half
-from teleop_drake.link.packets import NUM_USED
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.study.link.half import Half
+from teleop_drake.study.link.packets import NUM_USED
 
 # Entries of `used` where no packet was in use, and where it is not known which was.
 _NONE = -1

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
 
 NUM_USED = 32
 """Number of ticks whose packets in use are reported, in case packets are lost."""

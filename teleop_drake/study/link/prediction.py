@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.trace import WriteTrace
-from teleop_drake.figures.runs import PlotRows, SaveFigure
-from teleop_drake.figures.selection import SelectRows
-from teleop_drake.files import WriteText
-from teleop_drake.link.half import WAYS, Half, Turn
-from teleop_drake.link.side import Side
-from teleop_drake.scenario import Scenario, ScenarioToYaml
-from teleop_drake.stations import ResolveController
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.trace import WriteTrace
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.files import WriteText
+from teleop_drake.model.scenario import Scenario, ScenarioToYaml
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.study.figures.runs import PlotRows, SaveFigure
+from teleop_drake.study.figures.selection import SelectRows
+from teleop_drake.study.link.half import WAYS, Half, Turn
+from teleop_drake.study.link.side import Side
 
 
 def SaveRun(side: Side, folder: Path) -> dict[str, Any]:

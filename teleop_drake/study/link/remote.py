@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from teleop_drake.link.half import Driver
-from teleop_drake.link.packets import OpenSocket, ReadKey
-from teleop_drake.link.side import Say, Side
-from teleop_drake.scenario import ScenarioLike
-from teleop_drake.scenario.loading import CheckScenarioLike
+from teleop_drake.model.scenario import ScenarioLike
+from teleop_drake.model.scenario.loading import CheckScenarioLike
+from teleop_drake.study.link.half import Driver
+from teleop_drake.study.link.packets import OpenSocket, ReadKey
+from teleop_drake.study.link.side import Say, Side
 
 
 def OperateRemotely(

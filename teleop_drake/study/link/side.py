@@ -15,23 +15,28 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.link.half import Driver, Half, Turn
-from teleop_drake.link.measurements import TIMES, Measurements, Tick
-from teleop_drake.link.packets import (
+from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.loops.numerics.step_polynomials import straight_steps
+from teleop_drake.loops.run.compiled_run import OutcomeOf
+from teleop_drake.loops.run.run import Ending
+from teleop_drake.model.run.scenario_run import MakeRecording
+from teleop_drake.model.scenario import (
+    AsTeleoperation,
+    CheckSteps,
+    Scenario,
+    ScenarioLike,
+)
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.study.link.half import Driver, Half, Turn
+from teleop_drake.study.link.measurements import TIMES, Measurements, Tick
+from teleop_drake.study.link.packets import (
     WRONG_KEY_NOTICE,
     Address,
     FirstPacket,
     Reason,
     Session,
 )
-from teleop_drake.numerics.step_polynomials import straight_steps
-from teleop_drake.scenario import AsTeleoperation, CheckSteps, Scenario, ScenarioLike
-from teleop_drake.scenario.tree import ToTree
-from teleop_drake.simulation.compiled_run import OutcomeOf
-from teleop_drake.simulation.run import Ending
-from teleop_drake.simulation.scenario_run import MakeRecording
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.validation import CheckNumber
 
 # Packets that the operator's side receives before the start, to measure round trips.
 _NUM_EXCHANGES = 10

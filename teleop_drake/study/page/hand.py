@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.blocks.operators.recorded import RecordedConfig
-from teleop_drake.scenario import Scenario, ScenarioToYaml
-from teleop_drake.scenario.overrides import (
+from teleop_drake.model.blocks.operators.recorded import RecordedConfig
+from teleop_drake.model.scenario import Scenario, ScenarioToYaml
+from teleop_drake.model.scenario.overrides import (
     CHANNELS,
     FieldsOf,
     Overrides,
     ParseOverrides,
 )
-from teleop_drake.scenario.tree import FieldTypes, ToTree
-from teleop_drake.scenario.yaml_text import DumpValue
+from teleop_drake.model.scenario.tree import FieldTypes, ToTree
+from teleop_drake.model.scenario.yaml_text import DumpValue
 
 # The largest speed that a hand commands, in multiples of |surgeon.velocity|.
 _FULL_SPEED = 2.0

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.page import diagram_page
-from teleop_drake.page.diagram_page import DURATION
-from teleop_drake.page.document import Page
-from teleop_drake.page.sliders import Ranges
-from teleop_drake.validation import Refuse, RefuseGiven
+from teleop_drake.loops.framework.validation import Refuse, RefuseGiven
+from teleop_drake.loops.page import diagram_page
+from teleop_drake.loops.page.diagram_page import DURATION
+from teleop_drake.loops.page.document import Page
+from teleop_drake.loops.page.sliders import Ranges
 
 if TYPE_CHECKING:
-    from teleop_drake.scenario import AnyScenario
-    from teleop_drake.scenario.overrides import Overrides
+    from teleop_drake.model.scenario import AnyScenario
+    from teleop_drake.model.scenario.overrides import Overrides
 
 # A scenario, its name or file; a system; or a function that makes one.
 Shown: TypeAlias = (
@@ -162,7 +162,7 @@ def MakePage(
         context=context,
         suppress_initialization_events=suppress_initialization_events,
     )
-    from teleop_drake.page.scenario_page import DataOfScenario
+    from teleop_drake.study.page.scenario_page import DataOfScenario
 
     notes: list[str] = []
     story, data = DataOfScenario(

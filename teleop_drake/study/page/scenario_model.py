@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.numerics.instants import SAME
-from teleop_drake.page.late_wires import LateWires
-from teleop_drake.page.model import PERIOD, Flat, MakeModel, Model
-from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import NamedSignals, SystemsByPath
-from teleop_drake.simulation.ending import BoundsOf
-from teleop_drake.simulation.scenario_run import BoundOf, HasConstantCommand
-from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.tasks.metrics import MetricUnits
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.delays import ChannelConfig
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.signals import NamedSignals, SystemsByPath
+from teleop_drake.loops.numerics.instants import SAME
+from teleop_drake.loops.page.late_wires import LateWires
+from teleop_drake.loops.page.model import PERIOD, Flat, MakeModel, Model
+from teleop_drake.model.blocks.operators.hand import HandOperator
+from teleop_drake.model.run.ending import BoundsOf
+from teleop_drake.model.run.scenario_run import BoundOf, HasConstantCommand
+from teleop_drake.model.scenario import AnyScenario, AsTeleoperation
+from teleop_drake.model.tasks import Task, TaskOf
+from teleop_drake.model.tasks.metrics import MetricUnits
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 # The time until which packets are drawn in a drive, whose duration is only a bound, s.
 _LONGEST_FLIGHTS = 60.0

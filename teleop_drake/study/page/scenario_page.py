@@ -8,31 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.figures.labels import AxisLabel
-from teleop_drake.page.fields import (
+from teleop_drake.loops.engine.parameters import Scalar, ScalarsIn
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.page.fields import (
     FieldNumbers,
     FindFields,
     FixedNumbers,
     WithNumbers,
 )
-from teleop_drake.page.hand import HandData
-from teleop_drake.page.inputs import Input, Maker
-from teleop_drake.page.model import Model
-from teleop_drake.page.scenario_model import ModelOf
-from teleop_drake.page.sliders import (
+from teleop_drake.loops.page.inputs import Input, Maker
+from teleop_drake.loops.page.model import Model
+from teleop_drake.loops.page.sliders import (
     DataOfRuns,
     DelayRange,
     Ranges,
     RangeWith,
     Runs,
 )
-from teleop_drake.parameters import Scalar, ScalarsIn
-from teleop_drake.scenario import AnyScenario, AsTeleoperation, LoadOverridden
-from teleop_drake.scenario.overrides import ALIASES, Overrides, ParseOverrides
-from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.insertion_metrics import FirstNormal
-from teleop_drake.validation import Refuse
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.scenario import AnyScenario, AsTeleoperation, LoadOverridden
+from teleop_drake.model.scenario.overrides import ALIASES, Overrides, ParseOverrides
+from teleop_drake.model.tasks import TaskOf
+from teleop_drake.model.tasks.insertion_metrics import FirstNormal
+from teleop_drake.study.figures.labels import AxisLabel
+from teleop_drake.study.page.hand import HandData
+from teleop_drake.study.page.scenario_model import ModelOf
 
 _DELAYS = ("forward_delay", "return_delay")
 

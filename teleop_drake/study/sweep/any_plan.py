@@ -8,11 +8,11 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from teleop_drake.arrays import Record
-from teleop_drake.recording import Recording
-from teleop_drake.sweep.result import SweepResult
-from teleop_drake.sweep.values import Grid, Point
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.study.sweep.result import SweepResult
+from teleop_drake.study.sweep.values import Grid, Point
 
 Programs = dict[Any, Any]
 """The compiled programs of a sweep, which its runs share."""

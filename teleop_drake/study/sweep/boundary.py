@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.arrays import Array
-from teleop_drake.scenario import AsTeleoperation
-from teleop_drake.scenario.overrides import ALIASES
-from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.scenario import AsTeleoperation
+from teleop_drake.model.scenario.overrides import ALIASES
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.sweep.plan import SweepPlan
 
 # Each value needs an analysis, which takes about a tenth of a second.
 _MAX_ANALYSES = 200

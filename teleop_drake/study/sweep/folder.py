@@ -26,12 +26,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from teleop_drake.arrays import Record
-from teleop_drake.files import Replacing, WriteText
-from teleop_drake.sweep.any_plan import AnyPlan
-from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.statistics import Differences, HasSeeds, Statistics
-from teleop_drake.sweep.values import Notice
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.files import Replacing, WriteText
+from teleop_drake.study.sweep.any_plan import AnyPlan
+from teleop_drake.study.sweep.result import SweepError, SweepResult
+from teleop_drake.study.sweep.statistics import Differences, HasSeeds, Statistics
+from teleop_drake.study.sweep.values import Notice
 
 
 class SweepFolder:

@@ -8,8 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from teleop_drake.arrays import Record
-from teleop_drake.scenario import (
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.run.compiled_run import CannotCompile
+from teleop_drake.loops.run.system_run import ENGINES
+from teleop_drake.model.run.compiled_scenario import CompiledScenario
+from teleop_drake.model.run.scenario_run import WhyNotCompiled
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     AnyScenario,
     CheckSteps,
     LoadOverridden,
@@ -17,31 +22,26 @@ from teleop_drake.scenario import (
     ScenarioLike,
     ScenarioToYaml,
 )
-from teleop_drake.scenario.loading import ReadTree
-from teleop_drake.scenario.overrides import (
+from teleop_drake.model.scenario.loading import ReadTree
+from teleop_drake.model.scenario.overrides import (
     CHANNELS,
     FieldsOf,
     Overrides,
     ParseOverrides,
 )
-from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compiled_run import CannotCompile
-from teleop_drake.simulation.compiled_scenario import CompiledScenario
-from teleop_drake.simulation.scenario_run import WhyNotCompiled
-from teleop_drake.simulation.system_run import ENGINES
-from teleop_drake.sweep.any_plan import AnyPlan, CheckValues, Programs
-from teleop_drake.sweep.result import SweepError
-from teleop_drake.sweep.task_result import TaskSweepResult
-from teleop_drake.sweep.values import (
+from teleop_drake.model.scenario.scenario import ScenarioFiles
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks import TaskOf
+from teleop_drake.model.tasks.metrics import RunSummary
+from teleop_drake.study.sweep.any_plan import AnyPlan, CheckValues, Programs
+from teleop_drake.study.sweep.result import SweepError
+from teleop_drake.study.sweep.task_result import TaskSweepResult
+from teleop_drake.study.sweep.values import (
     File,
     GivenGrid,
     Point,
     PointsOf,
 )
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.metrics import RunSummary
 
 
 @dataclass(kw_only=True)

@@ -2,7 +2,7 @@
 
 import threading
 
-from teleop_drake.sweep.any_plan import Programs
+from teleop_drake.study.sweep.any_plan import Programs
 
 
 class _Kept(threading.local):

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Record
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.arrays import Array, Record
+from teleop_drake.loops.framework.validation import ScenarioError
 
 
 class SweepError(ScenarioError):
@@ -77,10 +77,10 @@ class SweepResult:
                 metrics of Metrics().
 
         Returns:
-            The figure of teleop_drake.figures.sweeps.PlotSweep(), which a notebook
+            The figure of figures.sweeps.PlotSweep(), which a notebook
             shows.
         """
-        from teleop_drake.figures.sweeps import PlotSweep  # Figures show sweeps.
+        from teleop_drake.study.figures.sweeps import PlotSweep  # Figures show sweeps.
 
         return PlotSweep(self, *metrics)
 

@@ -24,25 +24,30 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast, overload
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.arrays import Record
-from teleop_drake.sweep.any_plan import AnyPlan, Programs, R
-from teleop_drake.sweep.folder import SweepFolder, Versions
-from teleop_drake.sweep.programs import ProgramsOf
-from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.values import (
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.validation import (
+    CheckKind,
+    Refuse,
+    RefuseGiven,
+    ScenarioError,
+)
+from teleop_drake.study.sweep.any_plan import AnyPlan, Programs, R
+from teleop_drake.study.sweep.folder import SweepFolder, Versions
+from teleop_drake.study.sweep.programs import ProgramsOf
+from teleop_drake.study.sweep.result import SweepError, SweepResult
+from teleop_drake.study.sweep.values import (
     File,
     GivenGrid,
     Notice,
     Point,
     Progress,
 )
-from teleop_drake.sweep.workers import Workers
-from teleop_drake.validation import CheckKind, Refuse, RefuseGiven, ScenarioError
+from teleop_drake.study.sweep.workers import Workers
 
 if TYPE_CHECKING:
-    from teleop_drake.scenario.overrides import Overrides
-    from teleop_drake.sweep.system_plan import Metrics, SystemMaker
-    from teleop_drake.sweep.task_result import TaskSweepResult
+    from teleop_drake.model.scenario.overrides import Overrides
+    from teleop_drake.study.sweep.system_plan import Metrics, SystemMaker
+    from teleop_drake.study.sweep.task_result import TaskSweepResult
 
 # The time in s that worker processes take to start and import. Compiled runs that take
 # no longer than this are simulated without workers.
@@ -202,7 +207,7 @@ def Sweep(
         notice=notice or HERE.notice,
     )
     if isinstance(scenario, System) or callable(scenario):
-        from teleop_drake.sweep.system_plan import PlanSystemSweep
+        from teleop_drake.study.sweep.system_plan import PlanSystemSweep
 
         RefuseGiven("left out for a System", overrides=overrides or None)
         CheckKind("grid", grid, Mapping | Sequence, allowed)
@@ -216,8 +221,8 @@ def Sweep(
             engine=engine,
         )
         return RunSweep(system_plan, execution)
-    from teleop_drake.scenario.loading import CheckScenarioLike
-    from teleop_drake.sweep.plan import PlanSweep
+    from teleop_drake.model.scenario.loading import CheckScenarioLike
+    from teleop_drake.study.sweep.plan import PlanSweep
 
     CheckScenarioLike(scenario)
     CheckKind("grid", grid, Mapping, allowed)

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Interval, Record
-from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.values import SEED
+from teleop_drake.loops.framework.arrays import Array, Interval, Record
+from teleop_drake.study.sweep.result import SweepError, SweepResult
+from teleop_drake.study.sweep.values import SEED
 
 LEVEL = 0.95
 """Confidence of every interval."""

@@ -27,12 +27,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from teleop_drake.arrays import Record
-from teleop_drake.scenario import ScenarioNames
-from teleop_drake.scenario.yaml_text import ParseFile
-from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.values import File, IsListOfText, MakeGrid
-from teleop_drake.validation import CheckChoice, CheckKind, Refuse, Within
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    CheckKind,
+    Refuse,
+    Within,
+)
+from teleop_drake.model.scenario import ScenarioNames
+from teleop_drake.model.scenario.yaml_text import ParseFile
+from teleop_drake.study.sweep.plan import PlanSweep, SweepPlan
+from teleop_drake.study.sweep.values import File, IsListOfText, MakeGrid
 
 _OF_A_SWEEP = ("controllers", "grid", "seeds", "overrides")
 

@@ -11,26 +11,36 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import RandomSource
 
-from teleop_drake.arrays import Array, Record
-from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
-from teleop_drake.parameters import ScalarsIn, SetNumbers
-from teleop_drake.recording import Recording
-from teleop_drake.signals import CheckSystem, NameOf, PathsIn
-from teleop_drake.simulation.compiled_run import CannotCompile
-from teleop_drake.simulation.compiled_system import CompiledSystem
-from teleop_drake.simulation.simulate import simulate
-from teleop_drake.simulation.system_run import ENGINES, MakeJob
-from teleop_drake.solver import DefaultSimulator
-from teleop_drake.sweep.any_plan import AnyPlan, CheckValues, Programs
-from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.values import (
+from teleop_drake.loops.engine.parameters import ScalarsIn, SetNumbers
+from teleop_drake.loops.framework.arrays import Array, Record
+from teleop_drake.loops.framework.contexts import (
+    ContextsIn,
+    DiscreteState,
+    SetDiscreteState,
+)
+from teleop_drake.loops.framework.signals import CheckSystem, NameOf, PathsIn
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    CheckKind,
+    CheckNumber,
+    Refuse,
+    Show,
+)
+from teleop_drake.loops.run.compiled_run import CannotCompile
+from teleop_drake.loops.run.compiled_system import CompiledSystem
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.loops.run.system_run import ENGINES, MakeJob
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.study.sweep.any_plan import AnyPlan, CheckValues, Programs
+from teleop_drake.study.sweep.result import SweepError, SweepResult
+from teleop_drake.study.sweep.values import (
     SEED,
     GivenGrid,
     Point,
     PointsOf,
     SampledPoints,
 )
-from teleop_drake.validation import CheckChoice, CheckKind, CheckNumber, Refuse, Show
 
 Metrics = Mapping[str, Callable[[Recording], float]]
 """Functions that compute a number from a recording, by the names of the metrics."""

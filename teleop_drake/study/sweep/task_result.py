@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from teleop_drake.arrays import Record
-from teleop_drake.scenario import AnyScenario
-from teleop_drake.sweep.result import Matching, SweepResult
-from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
+from teleop_drake.loops.framework.arrays import Record
+from teleop_drake.model.scenario import AnyScenario
+from teleop_drake.model.tasks.metrics import FlattenMetrics, MetricUnits
+from teleop_drake.study.sweep.result import Matching, SweepResult
 
 _HEADLINES = (
     "start_velocity_overshoot",

@@ -7,23 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.arrays import Array, Indices, Record
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.packet_options import Receiver
-from teleop_drake.numerics.delay_statistics import (
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.packet_options import Receiver
+from teleop_drake.loops.framework.arrays import Array, Indices, Record
+from teleop_drake.loops.framework.validation import CheckKind, ScenarioError
+from teleop_drake.loops.numerics.delay_statistics import (
     burst_lengths,
     delay_autocorrelation,
     least_delay_line,
     least_delay_slope_error,
 )
-from teleop_drake.scenario import ARCHITECTURES, AsTeleoperation, LoadScenario
-from teleop_drake.scenario.overrides import Override
-from teleop_drake.sweep.plan import PlanSweep
-from teleop_drake.sweep.run import Execution, RunSweep
-from teleop_drake.tables.measured import BETWEEN_STAMPS
-from teleop_drake.tables.packets import Packets, ReadPackets
-from teleop_drake.validation import CheckKind, ScenarioError
+from teleop_drake.loops.tables.measured import BETWEEN_STAMPS
+from teleop_drake.loops.tables.packets import Packets, ReadPackets
+from teleop_drake.model.scenario import ARCHITECTURES, AsTeleoperation, LoadScenario
+from teleop_drake.model.scenario.overrides import Override
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.sweep.plan import PlanSweep
+from teleop_drake.study.sweep.run import Execution, RunSweep
 
 PERCENTS = (0.0, 50.0, 90.0, 95.0, 99.0, 99.9, 100.0)
 """The percentages of the quantiles of delays."""

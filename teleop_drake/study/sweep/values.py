@@ -11,8 +11,8 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from teleop_drake.sweep.result import SweepError
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError
+from teleop_drake.study.sweep.result import SweepError
 
 Grid = dict[str, list[Any]]
 """The values of each key; the last key varies fastest."""
@@ -52,7 +52,9 @@ def MakeGrid(
     Raises:
         ScenarioError: If an argument is not allowed, or a path is varied twice.
     """
-    from teleop_drake.scenario import ARCHITECTURES  # Not for the sweep of a System.
+    from teleop_drake.model.scenario import (
+        ARCHITECTURES,  # Not for the sweep of a System.
+    )
 
     grid: dict[str, Any] = {}
     if controllers == "all":
@@ -92,7 +94,7 @@ def ParseValues(text: str) -> list[Any]:
     Raises:
         SweepError: If the text is neither.
     """
-    from teleop_drake.scenario.yaml_text import ParseYaml
+    from teleop_drake.model.scenario.yaml_text import ParseYaml
 
     is_kind = re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", text)  # module:Class
     if ":" in text and not is_kind and not set(text) & set(",[]{}\"'"):

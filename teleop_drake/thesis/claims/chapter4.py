@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
+from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
+from teleop_drake.loops.delays.network import NetworkChannelConfig
 from teleop_drake.thesis.claims.claim import (
     Claim,
     Found,

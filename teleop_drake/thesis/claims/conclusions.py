@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.architectures.adaptive_backstepping import (
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.scenario import AsTeleoperation, LoadScenario
-from teleop_drake.scenario.tree import ToTree
+from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.stability import AnalyzeStability
 from teleop_drake.thesis.claims.claim import (
     Axes,
     Claim,

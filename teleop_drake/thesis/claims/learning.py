@@ -6,15 +6,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
-from teleop_drake.scenario import Scenario
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import GainMatrix
+from teleop_drake.model.scenario import Scenario
+from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.thesis.claims.measures import (
     BasisFunctions,
     CommandedPath,
     ForceRate,
 )
-from teleop_drake.validation import GainMatrix
 
 INSIDE = np.stack(
     np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1

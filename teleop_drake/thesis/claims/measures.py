@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments import CONTACT
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.blocks.environments import CONTACT
+from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.thesis.runs import Run
 
 _ConstantsOf = attrgetter("stiffness", "damping")

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.architectures.adaptive_backstepping import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Config
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.laws.backstepping import (
+from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,
     adaptive_rate,
@@ -21,7 +22,6 @@ from teleop_drake.laws.backstepping import (
     pack_state,
     unpack_state,
 )
-from teleop_drake.validation import Config
 
 
 def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:

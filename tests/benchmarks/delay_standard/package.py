@@ -15,11 +15,11 @@ from pydrake.systems.primitives import Integrator
 from signal_delays import Conveyor, Loop, Source, TimeDelay
 
 from teleop_drake import Compile
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import VariableDelay
-from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
-from teleop_drake.parameters import SetNumbers
-from teleop_drake.simulation import simulate
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.delays.variable import VariableDelay
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.kernel import Delay, FixedBlock, Kernel, Transition
+from teleop_drake.model.run.simulate import simulate
 
 STALE = stale_packets()
 

@@ -7,24 +7,24 @@ import numpy as np
 import pytest
 from pydrake.systems.primitives import PassThrough
 
-from teleop_drake.blocks.channels.base import SHORTEST_TIME, ChannelConfig
-from teleop_drake.blocks.channels.network import NetworkChannelConfig, NetworkDelay
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import (
+from teleop_drake.loops.delays.base import SHORTEST_TIME, ChannelConfig
+from teleop_drake.loops.delays.network import NetworkChannelConfig, NetworkDelay
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.sampled import (
     MAX_PACKETS,
     SampledChannelConfig,
     SampledDelay,
 )
-from teleop_drake.blocks.channels.transport import (
+from teleop_drake.loops.delays.transport import (
     TransportChannelConfig,
     TransportDelay,
 )
-from teleop_drake.blocks.channels.variable import (
+from teleop_drake.loops.delays.variable import (
     Sinusoid,
     VariableChannelConfig,
     VariableDelay,
 )
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
 
 DURATION = 20.0
 

@@ -7,12 +7,12 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from sources import Ramp
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
 
 WAVE = DelayProfile(delay=0.2, sinusoid=Sinusoid(amplitude=0.15, frequency=5.0))
 NETWORK = PacketNetwork(

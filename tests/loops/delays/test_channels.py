@@ -8,18 +8,18 @@ import pytest
 import yaml
 from runs import Run
 
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss
-from teleop_drake.scenario import (
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     LoadScenario,
     ScenarioError,
     ScenarioFromYaml,
     ScenarioToYaml,
 )
-from teleop_drake.simulation import simulate
-from teleop_drake.sweep import MetricUnits
-from teleop_drake.task_recording import LoadRecording
-from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.model.tasks.metrics import RunSummary
+from teleop_drake.study.sweep import MetricUnits
 
 WAYS = ("forward", "return")
 H = 0.02

@@ -7,11 +7,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay, PassThrough, Sine
 
 from teleop_drake import MakePage
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.channels.discrete import DiscreteChannelConfig
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.delays.discrete import DiscreteChannelConfig
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 H = 0.02
 

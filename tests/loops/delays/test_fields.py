@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
-from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compile import Compile
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.run.compile import Compile
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 
 def Scenario(*overrides, kind="direct_force", **fields):
@@ -96,7 +96,7 @@ NAMES = {
 
 @pytest.mark.parametrize("kind", NAMES)
 def test_every_architecture_names_its_fields(kind):
-    from teleop_drake.simulation import MakeDiagram
+    from teleop_drake.model.run.simulate import MakeDiagram
 
     names = NAMES[kind]
     diagram = MakeDiagram(Scenario(kind=kind, **dict.fromkeys(names, 0.01)))

@@ -18,7 +18,7 @@ from teleop_drake import (
     ScenarioError,
     simulate,
 )
-from teleop_drake.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 
 T = 0.5
 HOLD = PiecewisePolynomial.ZeroOrderHold

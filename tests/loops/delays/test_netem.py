@@ -1,19 +1,19 @@
-"""Tests of teleop_drake.blocks.channels.netem: lines of netem, read and written."""
+"""Tests of teleop_drake.loops.delays.netem: lines of netem, read and written."""
 
 import shutil
 import subprocess
 
 import pytest
 
-from teleop_drake.blocks.channels.netem import (
+from teleop_drake.cli import main
+from teleop_drake.loops.delays.netem import (
     DISTRIBUTIONS,
     Chance,
     GilbertElliott,
     Netem,
     ParseNetem,
 )
-from teleop_drake.cli import main
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
 
 MS = 1_000_000
 

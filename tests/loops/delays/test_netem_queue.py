@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.blocks.channels.netem_queue against what netem documents."""
+"""Tests of teleop_drake.loops.delays.netem_queue against what netem documents."""
 
 import itertools
 from pathlib import Path
@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from teleop_drake.blocks.channels.netem import ParseNetem
-from teleop_drake.blocks.channels.netem_queue import Deliver, Table
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.packet_statistics import ComputePacketStatistics
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.delays.netem import ParseNetem
+from teleop_drake.loops.delays.netem_queue import Deliver, Table
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.packet_statistics import ComputePacketStatistics
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
 
 NUM = 20_000
 STEP = 0.01

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import sources
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.variable import DelayProfile
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.variable import DelayProfile
 
 H = 0.01
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.packet_statistics import ComputePacketStatistics
-from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.packet_statistics import ComputePacketStatistics
+from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid
 
 COUNT = 20_000
 H = 0.001

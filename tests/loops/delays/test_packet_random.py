@@ -1,11 +1,11 @@
-"""Tests of teleop_drake.blocks.channels.packet_random."""
+"""Tests of teleop_drake.loops.delays.packet_random."""
 
 import numpy as np
 import pytest
 from numpy.random import Generator
 
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss
-from teleop_drake.blocks.channels.packet_random import BLOCK, PacketRandom
+from teleop_drake.loops.delays.packet_options import Jitter, Loss
+from teleop_drake.loops.delays.packet_random import BLOCK, PacketRandom
 
 
 def test_numbers_are_those_of_seed_stream_and_impairment():

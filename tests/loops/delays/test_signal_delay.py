@@ -7,7 +7,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from signal_delays import Conveyor, Entered, Loop, Roots, Source, Square, TimeDelay
 
 from teleop_drake import ScenarioError, VariableDelay, simulate
-from teleop_drake.blocks.channels.conveyor import VariableTransportDelay
+from teleop_drake.loops.delays.conveyor import VariableTransportDelay
 
 ROOT_2 = np.sqrt(2.0)
 TIMES = np.linspace(0.013, 5.89, 590)

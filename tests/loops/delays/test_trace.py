@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from teleop_drake import simulate
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.trace import ReadTrace
-from teleop_drake.blocks.channels.variable import VariableChannelConfig
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.trace import ReadTrace
+from teleop_drake.loops.delays.variable import VariableChannelConfig
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 HEADER = "time_s,delay_s\n"
 

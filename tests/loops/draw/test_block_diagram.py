@@ -25,10 +25,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, MatrixGain, PassThrough
 
-from teleop_drake.figures import block_diagram as rendering
-from teleop_drake.figures.block_diagram import DiagramDot, RenderSvg, WriteDiagram
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import MakeDiagram
+from teleop_drake.loops.draw import block_diagram as rendering
+from teleop_drake.loops.draw.block_diagram import DiagramDot, RenderSvg, WriteDiagram
+from teleop_drake.model.run.simulate import MakeDiagram
+from teleop_drake.model.scenario import LoadScenario
 
 # What every picture of MakeLoop() must show, opened or not.
 PORTS = {"reference", "response", "position"}

@@ -8,8 +8,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, LinearSystem, ZeroOrderHold
 
 from teleop_drake import LinearizePorts, PlotBode, PlotNyquist, SaveFigure
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.scenario import ScenarioError
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.model.scenario import ScenarioError
 
 # 2 / (s (s + 1) (s + 2))
 THIRD = ([[0.0, 1, 0], [0, 0, 1], [0, -2, -3]], [[0.0], [0], [2]], [[1.0, 0, 0]])

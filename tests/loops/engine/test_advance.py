@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.engine import advance as integrator
-from teleop_drake.engine.advance import DONE, FULL, STUCK, advance
-from teleop_drake.engine.problem import (
+from teleop_drake.loops.engine import advance as integrator
+from teleop_drake.loops.engine.advance import DONE, FULL, STUCK, advance
+from teleop_drake.loops.engine.problem import (
     ROWS,
     TRIES,
     Delays,
@@ -15,7 +15,7 @@ from teleop_drake.engine.problem import (
     Transitions,
     make_memory,
 )
-from teleop_drake.numerics.piecewise import Pieces, fit_pieces
+from teleop_drake.loops.numerics.piecewise import Pieces, fit_pieces
 
 NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, 8)))
 NO_DELAYS = Delays(

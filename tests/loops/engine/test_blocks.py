@@ -9,39 +9,39 @@ from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Sine, ZeroOrderHold
 
-from teleop_drake.blocks.architectures.four_channel import (
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.loops.engine.check import (
+    CheckVisited,
+    KernelDisagrees,
+)
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.model.blocks.architectures.four_channel import (
     FourChannelConfig,
     FourChannelMaster,
     FourChannelSlave,
     LocalController,
 )
-from teleop_drake.blocks.architectures.wave_variables import (
+from teleop_drake.model.blocks.architectures.wave_variables import (
     WaveMaster,
     WaveSlave,
     WaveVariablesConfig,
 )
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.environments.layered_force_field import (
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.environments.layered_force_field import (
     LayerConfig,
     LayeredForceField,
 )
-from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.blocks.operators.base import past_surface, with_stop
-from teleop_drake.blocks.operators.planned import TrapezoidConfig
-from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
-from teleop_drake.engine.check import (
-    CheckVisited,
-    KernelDisagrees,
-)
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.kernel import Kernel
+from teleop_drake.model.blocks.operators import ConstantVelocityOperator
+from teleop_drake.model.blocks.operators.base import past_surface, with_stop
+from teleop_drake.model.blocks.operators.planned import TrapezoidConfig
+from teleop_drake.model.blocks.systems.disturbance_force import DisturbanceForce
 
 I = np.eye(2)
 LOCAL = LocalController(damping=I, stiffness=9 * I)

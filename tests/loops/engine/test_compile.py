@@ -11,12 +11,12 @@ from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake.engine.check import Compare
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.known_programs import ForgetPrograms
-from teleop_drake.jit.packing import Group, Parameters, Place
-from teleop_drake.kernel import Kernel
+from teleop_drake.loops.engine.check import Compare
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.known_programs import ForgetPrograms
+from teleop_drake.loops.jit.packing import Group, Parameters, Place
+from teleop_drake.loops.kernel import Kernel
 
 
 @pytest.fixture(autouse=True)

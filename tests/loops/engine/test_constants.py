@@ -17,10 +17,10 @@ from pydrake.systems.primitives import (
 
 from teleop_drake import Compile, MakePage, NamedParameters, simulate
 from teleop_drake.blocks import LayerConfig, LayeredForceField
-from teleop_drake.engine.constants import ConstantsOf
-from teleop_drake.kernel import Kernel
-from teleop_drake.parameters import SetNumbers
-from teleop_drake.scenario import ScenarioError
+from teleop_drake.loops.engine.constants import ConstantsOf
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.model.scenario import ScenarioError
 
 SHORT = {"duration": 1.5}
 

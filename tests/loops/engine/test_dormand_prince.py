@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.integrate import RK45
 
-from teleop_drake.engine.dormand_prince import A, C, E, P
+from teleop_drake.loops.engine.dormand_prince import A, C, E, P
 
 
 def test_the_tableau_is_that_of_scipy():

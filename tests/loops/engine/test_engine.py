@@ -15,12 +15,12 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.engine import run as compiled_runs
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.kernel import Delay, Kernel, KernelBlock, Transition
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.engine import run as compiled_runs
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock, Transition
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from engines import Compiled, Errors, InDrake
 
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.simulation import MakeDiagram
+from teleop_drake.model.run.simulate import MakeDiagram
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario
 
 TRANSPORT = "{{kind: transport, delay: {}}}"
 SAMPLED = "{kind: sampled, sample_period: 0.01, delay: 0.034}"

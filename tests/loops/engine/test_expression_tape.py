@@ -5,7 +5,7 @@ import pytest
 from pydrake import symbolic
 from pydrake.symbolic import Expression, Variable
 
-from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
+from teleop_drake.loops.engine.expression_tape import MakeTape, UnknownExpression
 
 t = Variable("t")
 x = Variable("x")

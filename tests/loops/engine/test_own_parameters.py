@@ -9,8 +9,8 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake import simulate
-from teleop_drake.engine.check import KernelDisagrees
-from teleop_drake.kernel import Kernel
+from teleop_drake.loops.engine.check import KernelDisagrees
+from teleop_drake.loops.kernel import Kernel
 
 
 def line(gain, offset, power, u):

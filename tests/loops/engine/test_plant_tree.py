@@ -19,14 +19,14 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
-from teleop_drake.numerics.rigid_body import (
+from teleop_drake.loops.engine.plant_tree import ReadPlantTree
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.numerics.rigid_body import (
     calc_bias_acceleration,
     calc_jacobian,
     calc_joint_accelerations,
     calc_motion,
 )
-from teleop_drake.validation import ScenarioError
 
 
 def random_pose(rng):

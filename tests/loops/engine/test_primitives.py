@@ -38,10 +38,10 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.engine.check import KernelDisagrees
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.kernel import Kernel
+from teleop_drake.loops.engine.check import KernelDisagrees
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.kernel import Kernel
 
 rng = np.random.default_rng(3)
 A, B, C, D = (rng.normal(size=size) for size in ((3, 3), (3, 2), (4, 3), (4, 2)))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from teleop_drake.engine import problem
-from teleop_drake.engine.problem import (
+from teleop_drake.loops.engine import problem
+from teleop_drake.loops.engine.problem import (
     BREAKS,
     FIRST,
     Delays,

@@ -12,7 +12,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake import Compile, SampledSensor, TransportDelay, simulate
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.loops.kernel import Kernel, KernelBlock
 
 TIMES = np.linspace(0.0005, 0.9995, 300)
 

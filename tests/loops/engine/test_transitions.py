@@ -5,8 +5,8 @@ import types
 import numpy as np
 import pytest
 
-from teleop_drake.engine.problem import Transitions
-from teleop_drake.engine.transitions import (
+from teleop_drake.loops.engine.problem import Transitions
+from teleop_drake.loops.engine.transitions import (
     change_modes,
     is_due,
     is_near,

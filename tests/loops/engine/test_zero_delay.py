@@ -6,10 +6,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
 
 from teleop_drake import TransportDelay
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import AlgebraicLoop
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.parameters import SetNumbers
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import AlgebraicLoop
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.engine.run import CompiledRun
 
 
 def MakeLoop(delay):

@@ -15,10 +15,10 @@ from foreign.underactuated import UNDERACTUATED
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
 from teleop_drake import WritePage
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.figures.block_diagram import DiagramDot
+from teleop_drake.loops.draw.block_diagram import DiagramDot
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.run import CompiledRun
 
 SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]
 COMPILED = [system for system in SYSTEMS if system.compiles]

@@ -26,11 +26,11 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake import Compile, NamedParameters, simulate
-from teleop_drake.engine.check import KernelDisagrees
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import UnreadableLeaf
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.kernel import Kernel
+from teleop_drake.loops.engine.check import KernelDisagrees
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.flatten import UnreadableLeaf
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.kernel import Kernel
 
 
 def wired(*makers):

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from teleop_drake.jit import compiled, native
-from teleop_drake.jit.compiled import CompiledLaw
-from teleop_drake.jit.native import Kept
+from teleop_drake.loops.jit import compiled, native
+from teleop_drake.loops.jit.compiled import CompiledLaw
+from teleop_drake.loops.jit.native import Kept
 
 
 @pytest.fixture(autouse=True)

@@ -10,23 +10,23 @@ from block_checks import Gains
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
-from teleop_drake.blocks.robots import TwoLinkArmConfig
-from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
-from teleop_drake.jit import compiled
-from teleop_drake.jit.compiled import CompiledLaw
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.laws.backstepping import (
+from teleop_drake.loops.engine.plant_tree import ReadPlantTree
+from teleop_drake.loops.jit import compiled
+from teleop_drake.loops.jit.compiled import CompiledLaw
+from teleop_drake.loops.kernel import Kernel, KernelBlock
+from teleop_drake.model.blocks.robots import TwoLinkArmConfig
+from teleop_drake.model.laws.backstepping import (
     adaptive_errors,
     adaptive_rate,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.robust_backstepping import (
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork
+from teleop_drake.model.laws.robust_backstepping import (
     RobustBounds,
     robust_errors,
     robust_rate,
 )
-from teleop_drake.laws.task_space import (
+from teleop_drake.model.laws.task_space import (
     Tool,
     joint_torques,
     tool_acceleration,

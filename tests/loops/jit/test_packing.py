@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from teleop_drake.jit.packing import Parameters, repack
+from teleop_drake.loops.jit.packing import Parameters, repack
 
 
 class Pair(NamedTuple):

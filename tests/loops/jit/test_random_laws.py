@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from random_laws import RandomLaw
 
-from teleop_drake.jit.native import BoundEvaluate, Library, ObjectFile
-from teleop_drake.jit.packing import Place
-from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
-from teleop_drake.jit.symbols import Untraceable
+from teleop_drake.loops.jit.native import BoundEvaluate, Library, ObjectFile
+from teleop_drake.loops.jit.packing import Place
+from teleop_drake.loops.jit.scalar_code import MakeCode, TraceLaw
+from teleop_drake.loops.jit.symbols import Untraceable
 
 
 def IsSame(seed):

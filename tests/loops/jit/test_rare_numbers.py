@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.kernel import FixedBlock, Kernel
 
 NAN = float("nan")
 SHORT = np.array([0.0, 1.0, 2.0])

@@ -10,14 +10,14 @@ import hostile_laws as laws
 import numpy as np
 import pytest
 
-from teleop_drake.jit.native import (
+from teleop_drake.loops.jit.native import (
     BoundEvaluate,
     Evaluate,
     Library,
     ObjectFile,
 )
-from teleop_drake.jit.packing import Place
-from teleop_drake.jit.scalar_code import (
+from teleop_drake.loops.jit.packing import Place
+from teleop_drake.loops.jit.scalar_code import (
     ALL,
     RATE,
     SIGNALS,
@@ -26,9 +26,9 @@ from teleop_drake.jit.scalar_code import (
     TraceLaw,
     TraceProgram,
 )
-from teleop_drake.jit.symbolic_arrays import Table
-from teleop_drake.jit.symbols import Untraceable
-from teleop_drake.numerics.jacobi import singular_values
+from teleop_drake.loops.jit.symbolic_arrays import Table
+from teleop_drake.loops.jit.symbols import Untraceable
+from teleop_drake.loops.numerics.jacobi import singular_values
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])
 

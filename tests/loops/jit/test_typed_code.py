@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from teleop_drake.jit.native import Header, Library, ObjectFile
-from teleop_drake.jit.scalar_code import FLOAT, INTEGER
-from teleop_drake.jit.typed_code import MakeTypedCode
-from teleop_drake.jit.typed_values import TypeOf
+from teleop_drake.loops.jit.native import Header, Library, ObjectFile
+from teleop_drake.loops.jit.scalar_code import FLOAT, INTEGER
+from teleop_drake.loops.jit.typed_code import MakeTypedCode
+from teleop_drake.loops.jit.typed_values import TypeOf
 
 NODES = np.array([[0.5, 2.0], [-1.0, 3.0]])
 

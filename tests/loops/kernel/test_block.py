@@ -11,8 +11,8 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.systems.framework import BasicVector, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
 
-from teleop_drake.kernel import Delay, Kernel, KernelBlock, times
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock, times
 
 EYE = np.eye(4)
 

@@ -18,8 +18,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from sources import Step
 
 from teleop_drake import MakeSimulator, TransportDelay, simulate
-from teleop_drake.kernel import Delay, Kernel, KernelBlock
-from teleop_drake.solver import DefaultSimulator
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock
 
 
 class Slowing(KernelBlock):

@@ -7,7 +7,7 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 
-from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.loops.kernel import Kernel, KernelBlock, Transition
 
 
 def relax(state, mode):

@@ -6,9 +6,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 
 from teleop_drake import NetworkDelay, simulate
-from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
-from teleop_drake.blocks.channels.variable import DelayProfile
-from teleop_drake.numerics.pieces import Pieces
+from teleop_drake.loops.delays.packet_network import PacketNetwork, Receiver
+from teleop_drake.loops.delays.variable import DelayProfile
+from teleop_drake.loops.numerics.pieces import Pieces
 
 ENGINES = ["drake", "compiled"]
 PERIOD = 0.05

@@ -9,12 +9,13 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, Sine
 
-from teleop_drake import Compile, LinearizePorts, MakePage, parameters, simulate
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.kernel import Kernel
-from teleop_drake.parameters import CheckNumbers, SetNumbers
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import MakeDiagram
+from teleop_drake import Compile, LinearizePorts, MakePage, simulate
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.engine import parameters
+from teleop_drake.loops.engine.parameters import CheckNumbers, SetNumbers
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.model.run.simulate import MakeDiagram
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 
 def loop():

@@ -14,17 +14,17 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.variable import DelayProfile
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.run import CompiledRun
-from teleop_drake.kernel.events import Ticks
-from teleop_drake.simulation import MakeSimulator
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.variable import DelayProfile
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.run import CompiledRun
+from teleop_drake.loops.kernel.events import Ticks
+from teleop_drake.loops.run.simulator import MakeSimulator
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.operators import ConstantVelocityOperator
+from teleop_drake.model.blocks.systems.sampled_sensor import SampledSensor
 
 
 def sensor(h):

@@ -29,9 +29,9 @@ from teleop_drake import (
     MakeTeleoperator,
     TransportDelay,
 )
-from teleop_drake.analysis.cut_diagram import CutDiagram
-from teleop_drake.analysis.delay_map import DelayMap, DelayMargins
-from teleop_drake.kernel import Kernel
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.loops.linear.cut_diagram import CutDiagram
+from teleop_drake.loops.linear.delay_map import DelayMap, DelayMargins
 
 
 def MakePd(late):
@@ -258,7 +258,7 @@ def test_each_margin_is_that_of_the_loop_opened_there(name):
 
 
 def test_the_branches_of_an_output_and_the_output():
-    """The closed forms are in tests/numerics/test_delay_map.py."""
+    """The closed forms are in tests/loops/numerics/test_delay_map.py."""
     diagram = MakePd({})
     context = diagram.CreateDefaultContext()
     margins = DelayMargins(diagram, context)

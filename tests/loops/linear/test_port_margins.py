@@ -27,8 +27,8 @@ from teleop_drake import (
     TransportDelay,
     simulate,
 )
-from teleop_drake.analysis.delay_map import DelayMargins
-from teleop_drake.parameters import SetNumbers
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.linear.delay_map import DelayMargins
 
 
 def MakeLoop(A, B, C, K, *, inner=0.0, side=None):

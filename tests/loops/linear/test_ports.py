@@ -20,12 +20,12 @@ from pydrake.systems.primitives import (
 )
 from pydrake.visualization import AddDefaultVisualization
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.ports import LinearizePorts
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.linear.ports import LinearizePorts
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoints
 
 W = np.array([0.1, 1.0, 7.0, 30.0])
 T, K = 0.13, 0.7

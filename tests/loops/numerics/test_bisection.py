@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.bisection import bisect, find_roots, halve
+from teleop_drake.loops.numerics.bisection import bisect, find_roots, halve
 
 
 def test_an_interval_is_halved_to_neighbours():

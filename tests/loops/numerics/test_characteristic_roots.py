@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import lambertw
 
-from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.state_space import state_space
+from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.loops.numerics.state_space import state_space
 
 
 def roots_of(A, B, C, D, delay, **count):

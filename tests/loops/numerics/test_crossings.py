@@ -5,7 +5,7 @@ import math
 import pytest
 from delayed_systems import Scalar
 
-from teleop_drake.numerics.delay_margin import find_crossings
+from teleop_drake.loops.numerics.delay_margin import find_crossings
 
 
 def test_narrow_resonance_is_not_overlooked():

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.delayed_loop import margins_of
-from teleop_drake.numerics.state_space import state_space
+from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.loops.numerics.delayed_loop import margins_of
+from teleop_drake.loops.numerics.state_space import state_space
 
 DELAYS = (0.3, 0.7)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.numerics.differences import differentiate
+from teleop_drake.loops.numerics.differences import differentiate
 
 
 def test_jacobian():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from teleop_drake.numerics.instants import SAME, same_within
+from teleop_drake.loops.numerics.instants import SAME, same_within
 
 
 @pytest.mark.parametrize(

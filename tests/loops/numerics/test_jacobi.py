@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.jacobi import singular_values
+from teleop_drake.loops.numerics.jacobi import singular_values
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 6])

@@ -1,9 +1,9 @@
-"""Tests of teleop_drake.numerics.jumps."""
+"""Tests of teleop_drake.loops.numerics.jumps."""
 
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.jumps import TooManyJumps, find_jumps
+from teleop_drake.loops.numerics.jumps import TooManyJumps, find_jumps
 
 
 def test_jumps_are_enclosed_and_kinks_are_none():

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.bisection import bisect
-from teleop_drake.numerics.pieces import (
+from teleop_drake.loops.numerics.bisection import bisect
+from teleop_drake.loops.numerics.pieces import (
     NODES,
     Band,
     Crossings,
@@ -19,7 +19,7 @@ from teleop_drake.numerics.pieces import (
     values_in,
     variation,
 )
-from teleop_drake.numerics.step_polynomials import DEGREE
+from teleop_drake.loops.numerics.step_polynomials import DEGREE
 
 NUM = 60
 Y = np.random.default_rng(0).normal(size=(NUM, DEGREE + 1))

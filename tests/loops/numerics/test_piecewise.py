@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.engine import delays
-from teleop_drake.numerics.piecewise import fit_pieces
+from teleop_drake.loops.engine import delays
+from teleop_drake.loops.numerics.piecewise import fit_pieces
 
 
 def wave(t):

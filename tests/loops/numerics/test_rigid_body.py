@@ -4,7 +4,7 @@ import appendix_a
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.rigid_body import (
+from teleop_drake.loops.numerics.rigid_body import (
     RigidBodyTree,
     calc_bias_acceleration,
     calc_jacobian,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.numerics.sample_history import (
+from teleop_drake.loops.numerics.sample_history import (
     EnoPolynomial,
     SampleHistory,
     stencil_window,

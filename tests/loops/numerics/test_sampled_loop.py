@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from teleop_drake.numerics.sample_schedule import Clock, common_period
-from teleop_drake.numerics.sampled_loop import ContinuousDelayLoop, SampledLoop
-from teleop_drake.numerics.sampled_margins import sampled_margins, sampled_response
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.numerics.sample_schedule import Clock, common_period
+from teleop_drake.loops.numerics.sampled_loop import ContinuousDelayLoop, SampledLoop
+from teleop_drake.loops.numerics.sampled_margins import (
+    sampled_margins,
+    sampled_response,
+)
 
 H = 0.1
 K = 3.0

@@ -1,11 +1,11 @@
-"""Tests of teleop_drake.numerics.state_space."""
+"""Tests of teleop_drake.loops.numerics.state_space."""
 
 import tracemalloc
 
 import numpy as np
 import pytest
 
-from teleop_drake.numerics.state_space import minimal_realization, state_space
+from teleop_drake.loops.numerics.state_space import minimal_realization, state_space
 
 
 def System(A, B, C, D=None):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from teleop_drake.numerics.pieces import Pieces
-from teleop_drake.numerics.step_polynomials import (
+from teleop_drake.loops.numerics.pieces import Pieces
+from teleop_drake.loops.numerics.step_polynomials import (
     DEGREE,
     finite_part,
     integrate_product,

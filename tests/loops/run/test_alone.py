@@ -14,8 +14,8 @@ from test_block_table import Scenes
 
 import teleop_drake.blocks
 from teleop_drake import simulate
-from teleop_drake.signals import VectorOutputs
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.framework.signals import VectorOutputs
+from teleop_drake.loops.framework.wiring import InputPorts
 
 
 def run(system: System, engine: str):

@@ -14,8 +14,8 @@ from teleop_drake import (
     VariableDelay,
     simulate,
 )
-from teleop_drake.kernel import FixedBlock, Kernel, Transition
-from teleop_drake.solver import DefaultSimulator
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 
 ENGINES = ["drake", "compiled"]
 PAIRS = [(former, latter) for former in ENGINES for latter in ENGINES]

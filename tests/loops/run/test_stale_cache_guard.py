@@ -13,9 +13,9 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel.block import FixedBlock
-from teleop_drake.simulation.simulator import CountsOf, MakeSimulator
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.loops.kernel.block import FixedBlock
+from teleop_drake.loops.run.simulator import CountsOf, MakeSimulator
 
 START = [1.0, 0.0]
 

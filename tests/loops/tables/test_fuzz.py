@@ -10,9 +10,9 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from teleop_drake.tables import ReadPackets
-from teleop_drake.tables.motion import ReadMotion
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables import ReadPackets
+from teleop_drake.loops.tables.motion import ReadMotion
 
 ALPHABET = string.printable + "\ufeffµüж\x00\x1c\u2028"
 WORDS = (

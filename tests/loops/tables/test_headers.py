@@ -2,7 +2,7 @@
 
 import pytest
 
-from teleop_drake.tables.headers import UNITS, IsTime, ParseHeader
+from teleop_drake.loops.tables.headers import UNITS, IsTime, ParseHeader
 
 HEADERS = [
     ("time_s", ("time",), "s"),

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.variable import VariableChannelConfig
-from teleop_drake.tables import ReadPackets
-from teleop_drake.tables.packets import ReadMeasured
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.variable import VariableChannelConfig
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables import ReadPackets
+from teleop_drake.loops.tables.packets import ReadMeasured
 
 
 def write(tmp_path, text):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.tables.motion import ReadMotion
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables.motion import ReadMotion
 
 
 def read(tmp_path, text, num_axes=1, **given):

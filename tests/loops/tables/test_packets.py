@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from teleop_drake.tables import ReadPackets
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables import ReadPackets
 
 LOST = float("nan")
 NS = 1_700_000_000_000_000_000

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from teleop_drake.tables import ReadPackets
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables import ReadPackets
 
 LOST = float("nan")
 

@@ -8,9 +8,9 @@ import pandas
 import pytest
 from scipy.io import savemat
 
-from teleop_drake.tables import ReadPackets, ReadTable
-from teleop_drake.tables.motion import ReadMotion
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables import ReadPackets, ReadTable
+from teleop_drake.loops.tables.motion import ReadMotion
 
 TIMES = np.arange(5) * 0.1
 

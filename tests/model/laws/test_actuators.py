@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.laws.actuators import (
+from teleop_drake.model.laws.actuators import (
     delivered_force,
     friction_torque,
     next_normal,

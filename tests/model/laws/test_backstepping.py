@@ -11,7 +11,7 @@ from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from teleop_drake.laws.backstepping import (
+from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
     adaptive_rate,
@@ -21,7 +21,7 @@ from teleop_drake.laws.backstepping import (
     pack_state,
     project,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork
 
 seeds = st.integers(0, 2**32 - 1)
 NO_LEAKAGE = {"nu1": 0.0, "nu3": 0.0, "Upsilon": 0.0}

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from teleop_drake.laws.contact import (
+from teleop_drake.model.laws.contact import (
     creep_rate,
     hunt_crossley_force,
     solid_force,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.laws.gaussian_network import (
+from teleop_drake.model.laws.gaussian_network import (
     GaussianNetwork,
     equidistant_lattice,
     gaussian_functions,

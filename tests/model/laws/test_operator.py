@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.laws.operator import (
+from teleop_drake.model.laws.operator import (
     HumanOperator,
     rate_to_position,
     rate_to_velocity,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.laws.passivity import (
+from teleop_drake.model.laws.passivity import (
     injected_resistance,
 )
 

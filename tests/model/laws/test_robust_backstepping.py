@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from teleop_drake.laws.backstepping import (
+from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
     adaptive_rate,
@@ -13,8 +13,8 @@ from teleop_drake.laws.backstepping import (
     pack_state,
     unpack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
-from teleop_drake.laws.robust_backstepping import (
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork, gaussian_functions
+from teleop_drake.model.laws.robust_backstepping import (
     RobustBounds,
     robust_errors,
     robust_rate,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from teleop_drake.laws.task_space import (
+from teleop_drake.model.laws.task_space import (
     PostureGains,
     held_torque,
     orientation_error,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from teleop_drake.laws.tracking import (
+from teleop_drake.model.laws.tracking import (
     TrackingGains,
     coupled_disturbance,
     tracking_error,

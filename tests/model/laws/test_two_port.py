@@ -5,7 +5,7 @@ import pytest
 from phasors import TerminatedPort
 from scattering import delay_two_port, scattering_norm
 
-from teleop_drake.laws.two_port import llewellyn
+from teleop_drake.model.laws.two_port import llewellyn
 
 W = np.linspace(0.05, 40, 400)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.laws.wave_variables import (
+from teleop_drake.model.laws.wave_variables import (
     master_velocity,
     passive_scaling,
     reflected_wave,

@@ -9,14 +9,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from teleop_drake.scenario import (
+from teleop_drake.loops.run import drake_run
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     ARCHITECTURES,
     LoadScenario,
     ScenarioError,
     ScenarioNames,
 )
-from teleop_drake.simulation import drake_run, simulate
-from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.model.tasks.metrics import RunSummary
 
 # A run is interrupted after so many reports of progress: a stiff loop may take days.
 PATIENCE = 40

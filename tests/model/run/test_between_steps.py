@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
 
 # Jumps are located to better than this, s.
 LOCATED = 1e-5

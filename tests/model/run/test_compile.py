@@ -10,29 +10,30 @@ from foreign.leaves import Assigns
 from pydrake.systems.framework import LeafSystem
 
 from teleop_drake import Compile
-from teleop_drake.blocks.architectures import ARCHITECTURE_KINDS, ControlLawConfig
-from teleop_drake.blocks.architectures.base import LAW_INPUTS
-from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
-from teleop_drake.blocks.environments.layered_force_field import (
+from teleop_drake.loops.engine import check
+from teleop_drake.loops.engine.block_kernels import KernelOf
+from teleop_drake.loops.engine.check import KernelDisagrees
+from teleop_drake.loops.engine.flatten import Flatten
+from teleop_drake.loops.engine.known_programs import ForgetPrograms
+from teleop_drake.loops.engine.program import Program
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.kernel import Kernel, KernelBlock
+from teleop_drake.loops.run import compiled_run
+from teleop_drake.loops.run.compiled_run import CannotCompile
+from teleop_drake.model.blocks.architectures import ARCHITECTURE_KINDS, ControlLawConfig
+from teleop_drake.model.blocks.architectures.base import LAW_INPUTS
+from teleop_drake.model.blocks.architectures.direct_force import DirectForceConfig
+from teleop_drake.model.blocks.environments.layered_force_field import (
     LayeredForceField,
     LayersEnvironmentConfig,
 )
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine import check
-from teleop_drake.engine.block_kernels import KernelOf
-from teleop_drake.engine.check import KernelDisagrees
-from teleop_drake.engine.flatten import Flatten
-from teleop_drake.engine.known_programs import ForgetPrograms
-from teleop_drake.engine.program import Program
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.scenario.tree import ToTree
-from teleop_drake.simulation import compiled_run, simulate
-from teleop_drake.simulation.compiled_run import CannotCompile
-from teleop_drake.simulation.compiled_scenario import NeedsAnotherProgram
-from teleop_drake.stations import MakeArchitecture
-from teleop_drake.tasks import TaskOf
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.model.run.compiled_scenario import NeedsAnotherProgram
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.model.stations import MakeArchitecture
+from teleop_drake.model.tasks import TaskOf
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 SHORT = {"duration": 0.6, "simulator.accuracy": 1e-6}
 

@@ -30,17 +30,17 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
-from teleop_drake.kernel import Delay, Kernel
-from teleop_drake.parameters import SetNumbers
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.solver import DefaultSimulator
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.kernel import Delay, Kernel
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 ENGINES = ["drake", "compiled"]
 

@@ -7,15 +7,20 @@ from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.engine.known_programs import ForgetPrograms
-from teleop_drake.engine.program import Program
-from teleop_drake.parameters import NamedParameters, ScalarsIn, SetNumbers
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.signals import NamedSignals
-from teleop_drake.simulation import MakeDiagram, compiled_run, simulate
-from teleop_drake.simulation.compile import Compile
-from teleop_drake.simulation.compiled_run import CannotCompile
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.engine.known_programs import ForgetPrograms
+from teleop_drake.loops.engine.parameters import (
+    NamedParameters,
+    ScalarsIn,
+    SetNumbers,
+)
+from teleop_drake.loops.engine.program import Program
+from teleop_drake.loops.framework.signals import NamedSignals
+from teleop_drake.loops.run import compiled_run
+from teleop_drake.loops.run.compiled_run import CannotCompile
+from teleop_drake.model.run.compile import Compile
+from teleop_drake.model.run.simulate import MakeDiagram, simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 # The tool leaves the tissue and reaches the bone within the run.
 NEAR = {

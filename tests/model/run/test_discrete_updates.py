@@ -12,13 +12,13 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketNetwork
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import DelayProfile
-from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.kernel import FixedBlock, Kernel, Transition
-from teleop_drake.simulation import simulate
+from teleop_drake.loops.delays.network import NetworkDelay
+from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.delays.variable import DelayProfile
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.model.blocks.systems.sampled_sensor import SampledSensor
+from teleop_drake.model.run.simulate import simulate
 
 ENGINES = ("drake", "compiled")
 

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.engine import run as engine
-from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.kernel import Kernel
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import compiled_run, simulate
-from teleop_drake.tasks.metrics import RunSummary
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.engine import run as engine
+from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.loops.run import compiled_run
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunSummary
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 # The tests share the machine code on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")

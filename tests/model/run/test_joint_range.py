@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 # The operator pulls the needle back until the wrist cannot bend any further.
 BACK = {

@@ -20,15 +20,15 @@ from pydrake.systems.primitives import (
     Sine,
 )
 
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.figures.runs import PlotRun
-from teleop_drake.figures.scene import MakeReplay
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.recording import UnknownSignal
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.loops.run.recording import UnknownSignal
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.study.figures.runs import PlotRun
+from teleop_drake.study.figures.scene import MakeReplay
 
 
 class Halver(LeafSystem):

@@ -15,13 +15,13 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.environments.layered_force_field import (
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.model.blocks.environments.layered_force_field import (
     LayerConfig,
     LayeredForceField,
 )
-from teleop_drake.simulation import simulate
-from teleop_drake.solver import DefaultSimulator
+from teleop_drake.model.run.simulate import simulate
 
 
 class PythonGain(LeafSystem):

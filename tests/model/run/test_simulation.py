@@ -13,12 +13,15 @@ from grids import Slow
 from runs import TASKS, Run
 from surfaces import Border
 
-from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
-from teleop_drake.simulation import MakeDiagram, drake_run, simulate
-from teleop_drake.task_recording import LoadRecording
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.loops.run import drake_run
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+)
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.run.simulate import MakeDiagram, simulate
+from teleop_drake.model.scenario import CONTROLLERS, LoadScenario, ScenarioError
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 # The tests share their runs.
 pytestmark = pytest.mark.xdist_group("runs")

@@ -14,11 +14,11 @@ from pydrake.systems.framework import EventStatus
 from scipy.interpolate import CubicHermiteSpline
 from surfaces import Border
 
-from teleop_drake.kernel import Kernel, KernelBlock, Transition
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
-from teleop_drake.simulation.simulator import CountsOf
-from teleop_drake.simulation.stepping import LongestStep
+from teleop_drake.loops.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.loops.run.simulator import CountsOf, MakeSimulator
+from teleop_drake.loops.run.stepping import LongestStep
+from teleop_drake.model.run.simulate import MakeDiagram, simulate
+from teleop_drake.model.scenario import LoadScenario
 
 DIAGRAMS = Path(__file__).parents[3] / "diagrams"
 REACHED = SimulatorStatus.ReturnReason.kReachedBoundaryTime

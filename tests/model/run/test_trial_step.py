@@ -5,12 +5,13 @@ import pytest
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
-from teleop_drake.engine import run as compiled_runs
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel.block import FixedBlock
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import MakeSimulator, simulate
-from teleop_drake.simulation import run as simulation_run
+from teleop_drake.loops.engine import run as compiled_runs
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.loops.kernel.block import FixedBlock
+from teleop_drake.loops.run import run as simulation_run
+from teleop_drake.loops.run.simulator import MakeSimulator
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 SCHEMES = ["runge_kutta3", "runge_kutta5"]
 

@@ -7,9 +7,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
-from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.scenario.config import INTEGRATION_SCHEMES
+from teleop_drake.model.blocks.robots import MakeRobot
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.scenario.config import INTEGRATION_SCHEMES
 
 # The position of a slider of 0.5 kg and 0.1 N s/m after 1 s of a force of 1 N through
 # the filter 1/(s/5 + 1). It was computed by runge_kutta5, whose results with steps from

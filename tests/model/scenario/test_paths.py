@@ -3,7 +3,7 @@
 import pytest
 
 from teleop_drake import Explore, LayeredForceField, LoadScenario, PlotRun, simulate
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ import pytest
 import standard_dh
 from pydrake.math import RotationMatrix
 
-from teleop_drake.blocks.robots.inverse_kinematics import ToolRotation
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.blocks.robots.inverse_kinematics import ToolRotation
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 NAME = "puma560_insertion"
 

@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.scenario."""
+"""Tests of teleop_drake.model.scenario."""
 
 import math
 import re
@@ -11,10 +11,10 @@ import yaml
 from pydrake.systems.analysis import SimulatorConfig
 from surfaces import Border
 
-from teleop_drake import scenario as dut
-from teleop_drake.blocks.operators import ConstantVelocityConfig
-from teleop_drake.blocks.robots import SliderConfig
-from teleop_drake.scenario import (
+from teleop_drake.model import scenario as dut
+from teleop_drake.model.blocks.operators import ConstantVelocityConfig
+from teleop_drake.model.blocks.robots import SliderConfig
+from teleop_drake.model.scenario import (
     DELAYS,
     CheckSteps,
     LoadOverridden,
@@ -26,7 +26,7 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
     TrackingScenario,
 )
-from teleop_drake.scenario.yaml_text import DumpYaml, ParseYaml
+from teleop_drake.model.scenario.yaml_text import DumpYaml, ParseYaml
 
 SCENARIOS = Path(dut.__file__).parent.parent / "scenarios"
 BUILT_IN = ["one_dof", "two_dof_collision", "two_dof_combined", "two_dof_puncture"]

@@ -10,13 +10,13 @@ from grids import Slow
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.numerics.step_polynomials import DEGREE, shares
-from teleop_drake.recording import SolverStatistics
-from teleop_drake.scenario import LoadScenario, Scenario
-from teleop_drake.simulation import simulate
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks import Insertion
-from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.loops.numerics.step_polynomials import DEGREE, shares
+from teleop_drake.loops.run.recording import SolverStatistics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, Scenario
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks import Insertion
+from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
 
 Function = Callable[[np.ndarray], np.ndarray]
 

@@ -9,16 +9,16 @@ import pytest
 from grids import Slow
 from scipy.integrate import solve_ivp, trapezoid
 
-from teleop_drake.figures.runs import PlotRun
-from teleop_drake.scenario import (
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     LoadScenario,
     ScenarioError,
     TrajectoryConfig,
 )
-from teleop_drake.simulation import simulate
-from teleop_drake.task_recording import LoadRecording
-from teleop_drake.tasks.metrics import RunMetrics, RunSummary
-from teleop_drake.tasks.tracking import MakeReference
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.model.tasks.tracking import MakeReference
+from teleop_drake.study.figures.runs import PlotRun
 
 # The tests share runs, and therefore run in one process.
 pytestmark = pytest.mark.xdist_group("tracking")

@@ -5,10 +5,10 @@ import dataclasses
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import MissingInWords, RunMetrics, RunSentence
-from teleop_drake.tasks.sentences import EndInWords, Quantity
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import MissingInWords, RunMetrics, RunSentence
+from teleop_drake.model.tasks.sentences import EndInWords, Quantity
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ import pytest
 from own_kinds import PuckConfig
 from pydrake.systems.framework import BasicVector
 
-from teleop_drake.blocks.environments.wall import FrictionWallConfig
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.loops.kernel import Kernel, KernelBlock
+from teleop_drake.model.blocks.environments.wall import FrictionWallConfig
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 NORMAL = np.array([0.6, 0.48, -0.64])
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from own_kinds import Reach
 
-from teleop_drake.blocks.environments import CONTACT
 from teleop_drake.cli import main
-from teleop_drake.figures.runs import PlotComparison, PlotRun
-from teleop_drake.scenario import LoadScenario, Scenario
-from teleop_drake.simulation import MakeDiagram, simulate
-from teleop_drake.sweep import MetricUnits
-from teleop_drake.tasks import Insertion, SpeedLimit, TaskOf, Tracking
-from teleop_drake.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.model.blocks.environments import CONTACT
+from teleop_drake.model.run.simulate import MakeDiagram, simulate
+from teleop_drake.model.scenario import LoadScenario, Scenario
+from teleop_drake.model.tasks import Insertion, SpeedLimit, TaskOf, Tracking
+from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.study.figures.runs import PlotComparison, PlotRun
+from teleop_drake.study.sweep import MetricUnits
 
 SHORT = "duration=0.2"
 
@@ -102,7 +102,7 @@ def test_a_scenario_names_a_task_of_ones_own(capsys, tmp_path):
     (row,) = (row for row in rows if row.startswith("path length"))
     assert row.endswith(" m")
     for task, allowed in (
-        ("own_kinds:Puck", "a class that derives from teleop_drake.tasks.Task"),
+        ("own_kinds:Puck", "a class that derives from teleop_drake.model.tasks.Task"),
         ("own_kinds:Nothing", "importable (AttributeError"),
     ):
         assert main(["run", "one_dof", "--set", f"task={task}"]) == 2

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 

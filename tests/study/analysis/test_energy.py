@@ -12,9 +12,9 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
-from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.scenario import LayerConfig
+from teleop_drake.model.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.model.blocks.robots import MakeRobot
+from teleop_drake.model.scenario import LayerConfig
 
 ROBOTS = {
     "slider": {"model": "slider", "start": [0.0], "damping": 0.0},

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.energy import TwoPortEnergyBalance
-from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.recording import SolverStatistics
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.loops.numerics.step_polynomials import DEGREE
+from teleop_drake.loops.run.recording import SolverStatistics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.analysis.energy import TwoPortEnergyBalance
 
 NETWORK = {
     "kind": "network",

@@ -5,10 +5,10 @@ import pytest
 from grids import Slow
 from phasors import FeltImpedance
 
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.transparency import FeltStiffness
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.stations import MakeArchitecture, ResolveController
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.model.stations import MakeArchitecture, ResolveController
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.transparency import FeltStiffness
 
 BONE = 150.0
 MASS, DAMPING = 0.5, 0.1  # Of the slider.

@@ -25,9 +25,9 @@ from pydrake.systems.primitives import AffineSystem, MatrixGain, ZeroOrderHold
 from scipy.optimize import brentq
 from scipy.signal import cont2discrete
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 M, b, K, v_d = 0.02, 0.2, 100.0, 0.5
 

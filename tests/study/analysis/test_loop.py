@@ -9,24 +9,24 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from teleop_drake.analysis.loop import (
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.kernel import Kernel, KernelBlock
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.blocks.robots import TwoLinkArmConfig
+from teleop_drake.model.blocks.robots.inverse_kinematics import ToolJacobian
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.loop import (
     Linearizer,
 )
-from teleop_drake.analysis.operating_point import (
+from teleop_drake.study.analysis.operating_point import (
     OperatingPoint,
     OperatingPointAt,
     OperatingPoints,
 )
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.robots import TwoLinkArmConfig
-from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
-from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 OWN_ARM = Path(__file__).parents[3] / "diagrams" / "own_arm.yaml"
 # Two task axes for three joints.

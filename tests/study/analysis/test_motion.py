@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.loop_model import CutLoop, MotionRate
-from teleop_drake.analysis.operating_point import OperatingPointAt
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.loop_model import CutLoop, MotionRate
+from teleop_drake.study.analysis.operating_point import OperatingPointAt
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 
 def EverywhereBone(stiffness, **overrides):

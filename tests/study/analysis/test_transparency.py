@@ -8,15 +8,15 @@ from grids import Slow
 from phasors import TerminatedPort
 from scattering import delay_two_port, scattering_norm
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.transparency import (
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.transparency import (
     AnalyzeTransparency,
     EnvironmentImpedance,
     TransmittedImpedance,
 )
-from teleop_drake.figures.analysis import PlotTransparency
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.study.figures.analysis import PlotTransparency
 
 W = np.geomspace(0.1, 100, 40)
 ROBOT = 0.5j * W + 0.1

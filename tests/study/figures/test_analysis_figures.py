@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
-from teleop_drake.analysis.stability import (
+from teleop_drake.loops.draw.saving import DescribeFigure
+from teleop_drake.loops.numerics.state_space import state_space
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.operating_point import POSITION, OperatingPoints
+from teleop_drake.study.analysis.stability import (
     AnalyzeStability,
 )
-from teleop_drake.analysis.stability_chart import ChartStability
-from teleop_drake.analysis.transparency import AnalyzeTransparency
-from teleop_drake.figures.analysis import (
+from teleop_drake.study.analysis.stability_chart import ChartStability
+from teleop_drake.study.analysis.transparency import AnalyzeTransparency
+from teleop_drake.study.figures.analysis import (
     PlotBode,
     PlotFeltStiffness,
     PlotNyquist,
@@ -21,10 +24,7 @@ from teleop_drake.figures.analysis import (
     PlotStableDelays,
     PlotTransparency,
 )
-from teleop_drake.figures.runs import SaveFigure
-from teleop_drake.figures.saving import DescribeFigure
-from teleop_drake.numerics.state_space import state_space
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.study.figures.runs import SaveFigure
 
 # They look at the same analyses.
 pytestmark = pytest.mark.xdist_group("analyses")

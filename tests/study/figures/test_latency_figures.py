@@ -1,10 +1,10 @@
-"""Tests of teleop_drake.figures.latency."""
+"""Tests of teleop_drake.study.figures.latency."""
 
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.latency import EstimateLatency
-from teleop_drake.figures.latency import PlotLatency
+from teleop_drake.loops.linear.latency import EstimateLatency
+from teleop_drake.study.figures.latency import PlotLatency
 
 TIME = np.arange(300) * 0.02
 

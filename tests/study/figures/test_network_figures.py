@@ -1,11 +1,11 @@
-"""Tests of teleop_drake.figures.network."""
+"""Tests of teleop_drake.study.figures.network."""
 
 import numpy as np
 import pytest
 from runs import Run
 
-from teleop_drake.figures.network import Networks, PlotNetwork
-from teleop_drake.figures.saving import DescribeFigure
+from teleop_drake.loops.draw.saving import DescribeFigure
+from teleop_drake.study.figures.network import Networks, PlotNetwork
 
 NETWORK = (
     "forward_channel={kind: network, delay: 0.05, sample_period: 0.02, "

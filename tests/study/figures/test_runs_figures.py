@@ -12,14 +12,19 @@ from matplotlib.figure import Figure
 from scene_recordings import SOLVER
 from surfaces import Border
 
-from teleop_drake.figures.runs import PlotComparison, PlotRows, PlotRun, SaveFigure
-from teleop_drake.figures.saving import DescribeFigure
-from teleop_drake.figures.selection import SelectTime
-from teleop_drake.figures.style import COLORS, RunStyle
-from teleop_drake.recording import Event, Recording
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.task_recording import TaskRecording
-from teleop_drake.tasks.panels import SignalRow
+from teleop_drake.loops.draw.saving import DescribeFigure
+from teleop_drake.loops.draw.style import COLORS, RunStyle
+from teleop_drake.loops.run.recording import Event, Recording
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.model.tasks.panels import SignalRow
+from teleop_drake.study.figures.runs import (
+    PlotComparison,
+    PlotRows,
+    PlotRun,
+    SaveFigure,
+)
+from teleop_drake.study.figures.selection import SelectTime
 
 TASKS = {"one_dof": 1, "two_dof_combined": 2}
 

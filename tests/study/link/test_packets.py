@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.link.packets."""
+"""Tests of teleop_drake.study.link.packets."""
 
 import re
 import stat
@@ -9,15 +9,15 @@ import pytest
 from documentation import ROOT
 from grids import Slow
 
-from teleop_drake.link import packets
-from teleop_drake.link.packets import (
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.study.link import packets
+from teleop_drake.study.link.packets import (
     NewKey,
     OpenSocket,
     ReadKey,
     Reason,
     Session,
 )
-from teleop_drake.validation import ScenarioError
 
 KEY = bytes(range(32))
 

@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.link over sockets: loopback and network namespaces."""
+"""Tests of teleop_drake.study.link over sockets: loopback and network namespaces."""
 
 import contextlib
 import heapq
@@ -18,11 +18,11 @@ import pytest
 from link_networks import KEY, Fates
 
 from teleop_drake.cli import main
-from teleop_drake.link.packets import NewKey, OpenSocket
-from teleop_drake.link.prediction import SaveRun
-from teleop_drake.link.side import Side
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.task_recording import LoadRecording
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.study.link.packets import NewKey, OpenSocket
+from teleop_drake.study.link.prediction import SaveRun
+from teleop_drake.study.link.side import Side
 
 OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
 

@@ -1,16 +1,16 @@
-"""Tests of teleop_drake.link.side and .prediction, in simulated time."""
+"""Tests of teleop_drake.study.link.side and .prediction, in simulated time."""
 
 import numpy as np
 import pytest
 from grids import Slow
 from link_networks import KEY, Fates, Network
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.link.prediction import Compare, Predict, SaveRun
-from teleop_drake.link.side import Side
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.task_recording import LoadRecording
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.link.prediction import Compare, Predict, SaveRun
+from teleop_drake.study.link.side import Side
 
 
 def Scenario(kind="direct_force", name="one_dof", duration=1.0):

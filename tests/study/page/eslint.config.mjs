@@ -86,12 +86,12 @@ const page = [
 
 export default [
   {
-    files: ["teleop_drake/page/js/*.js"],
+    files: ["teleop_drake/loops/page/js/*.js"],
     languageOptions: { sourceType: "module", globals: globalsOf(browser) },
     rules,
   },
   {
-    files: ["tests/page/*.js"],
+    files: ["tests/study/page/*.js"],
     languageOptions: { sourceType: "script", globals: globalsOf([...browser, ...page]) },
     rules: { ...rules, "no-redeclare": "off", "no-unused-vars": ["error", { vars: "local" }] },
   },

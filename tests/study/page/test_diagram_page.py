@@ -19,13 +19,13 @@ from pydrake.systems.primitives import (
 from wasm_runs import DataOf
 
 from teleop_drake import Compile, Explore, TransportDelay, WritePage, simulate
-from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.cli import main
-from teleop_drake.numerics.step_polynomials import interpolate
-from teleop_drake.page.page import MakePage
-from teleop_drake.page.plants import TreesIn, ViewOf
-from teleop_drake.parameters import SetNumbers
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.engine.parameters import SetNumbers
+from teleop_drake.loops.numerics.step_polynomials import interpolate
+from teleop_drake.loops.page.plants import TreesIn, ViewOf
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.study.page.page import MakePage
 
 
 def MakePendulum():

@@ -8,10 +8,10 @@ from browsers import SCRIPTS
 from servo import Servo
 
 from teleop_drake import WritePage
-from teleop_drake.page.fields import FindFields
-from teleop_drake.page.inputs import Change
-from teleop_drake.page.sliders import Runs
-from teleop_drake.parameters import Scalar
+from teleop_drake.loops.engine.parameters import Scalar
+from teleop_drake.loops.page.fields import FindFields
+from teleop_drake.loops.page.inputs import Change
+from teleop_drake.loops.page.sliders import Runs
 
 pytestmark = pytest.mark.xdist_group("browser")
 

@@ -7,8 +7,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
 
 from teleop_drake import TransportDelay, WritePage
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
 
 pytestmark = pytest.mark.xdist_group("browser")
 

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from teleop_drake.cli import main
-from teleop_drake.page.hand import HandData
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.scenario.tree import ToTree
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.study.page.hand import HandData
 
 DELAYS = ["delay", "forward_delay", "return_delay"]
 SINE = {"surgeon.kind": "sine", "surgeon.frequency": 3.0}

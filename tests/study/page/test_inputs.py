@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from teleop_drake import MakePage
-from teleop_drake.page.inputs import CheckSums, FindChange, Input, NotSums
-from teleop_drake.page.scenario_model import ModelOf
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.loops.page.inputs import CheckSums, FindChange, Input, NotSums
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.study.page.scenario_model import ModelOf
 
 STIFFNESS = "environment.layers.bone.stiffness"
 

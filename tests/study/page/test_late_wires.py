@@ -8,8 +8,8 @@ import pytest
 from servo import Servo
 
 from teleop_drake import WritePage
-from teleop_drake.simulation import simulate
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.run.simulate import simulate
 
 pytestmark = pytest.mark.xdist_group("browser")
 

@@ -6,9 +6,9 @@ import pytest
 from servo import Servo
 
 from teleop_drake import WritePage
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunSentence
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunSentence
 
 pytestmark = pytest.mark.xdist_group("browser")
 

@@ -19,15 +19,15 @@ from wasm_runs import AssertSameMetrics, RunModule
 import teleop_drake
 from teleop_drake import MakePage, WritePage
 from teleop_drake.cli import main
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.page.model import MakeModel
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.sweep import FlattenMetrics
-from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.metrics import RunMetrics, RunSentence
+from teleop_drake.loops.draw.block_diagram import WriteDiagram
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.numerics.step_polynomials import DEGREE
+from teleop_drake.loops.page.model import MakeModel
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.tasks import TaskOf
+from teleop_drake.model.tasks.metrics import RunMetrics, RunSentence
+from teleop_drake.study.sweep import FlattenMetrics
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")

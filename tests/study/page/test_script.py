@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import teleop_drake
-from teleop_drake.page.script import JoinModules
+from teleop_drake.loops.page.script import JoinModules
 
 MODULES = sorted(Path(teleop_drake.__file__).parent.joinpath("page/js").glob("*.js"))
 
@@ -65,8 +65,14 @@ def test_eslint_finds_nothing():
     if not shutil.which("eslint"):
         pytest.skip("no eslint: `npm install --global eslint` brings one")
     root = Path(__file__).parents[3]
-    config = "tests/page/eslint.config.mjs"
-    command = ["eslint", "--config", config, "teleop_drake/page/js", "tests/page"]
+    config = "tests/study/page/eslint.config.mjs"
+    command = [
+        "eslint",
+        "--config",
+        config,
+        "teleop_drake/loops/page/js",
+        "tests/study/page",
+    ]
     done = subprocess.run(
         command, cwd=root, capture_output=True, check=False, text=True
     )

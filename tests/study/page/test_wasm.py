@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from wasm_runs import AssertSame, DataOf
 
-from teleop_drake.blocks.operators import OPERATOR_KINDS
-from teleop_drake.jit import native
-from teleop_drake.page.inputs import Change
-from teleop_drake.page.page import MakePage
-from teleop_drake.page.scenario_model import ModelOf
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
+from teleop_drake.loops.jit import native
+from teleop_drake.loops.page.inputs import Change
+from teleop_drake.model.blocks.operators import OPERATOR_KINDS
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
+from teleop_drake.study.page.page import MakePage
+from teleop_drake.study.page.scenario_model import ModelOf
 
 
 @pytest.mark.slow

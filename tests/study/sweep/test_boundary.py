@@ -5,11 +5,11 @@ import functools
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.sweep import PlanSweep, TaskSweepResult
-from teleop_drake.sweep.boundary import Boundary, FindBoundaries
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.figures.sweep_maps import PlotMap, PlotStability
+from teleop_drake.study.sweep import PlanSweep, TaskSweepResult
+from teleop_drake.study.sweep.boundary import Boundary, FindBoundaries
 
 # The tests share their boundaries.
 pytestmark = pytest.mark.xdist_group("boundary")

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.simulation.compiled_scenario import CompiledScenario
-from teleop_drake.sweep import Sweep, SweepError, plan, run
+from teleop_drake.model.run.compiled_scenario import CompiledScenario
+from teleop_drake.study.sweep import Sweep, SweepError, plan, run
 
 GRID = {"controller": ["direct_force", "adaptive_backstepping"]}
 GRID["delay"] = [0.01 * k for k in range(1, 9)]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from teleop_drake.sweep import Execution, PlanSweep, RunSweep
-from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.study.sweep import Execution, PlanSweep, RunSweep
+from teleop_drake.study.sweep.plan import SweepPlan
 
 # The server that forks the workers is started once.
 pytestmark = pytest.mark.xdist_group("sweep")
@@ -68,7 +68,7 @@ def test_a_run_whose_process_dies_is_tried_again(tmp_path):
 @pytest.mark.slow
 def test_processes_are_recycled(tmp_path, monkeypatch):
     """A new process gets the present environment."""
-    monkeypatch.setattr("teleop_drake.sweep.workers._CALLS_PER_PROCESS", 1)
+    monkeypatch.setattr("teleop_drake.study.sweep.workers._CALLS_PER_PROCESS", 1)
     monkeypatch.setenv("A_VARIABLE", "today")
     _, seen = Run(tmp_path, [1.0, 2.0, 3.0], deaths={})
     assert len(seen) >= 2 and set(seen.values()) == {"today"}
@@ -79,7 +79,7 @@ def test_processes_are_recycled(tmp_path, monkeypatch):
 def test_an_unguarded_script_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from teleop_drake.sweep import Sweep\n"
+        "from teleop_drake.study.sweep import Sweep\n"
         "Sweep('one_dof', {'robot.mass': [1.0]}, jobs=1)\n"
     )
     result = subprocess.run(

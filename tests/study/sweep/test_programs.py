@@ -2,11 +2,11 @@
 
 import pytest
 
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compiled_scenario import CompiledScenario
-from teleop_drake.sweep import PlanSweep
-from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.model.run.compiled_scenario import CompiledScenario
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunSummary
+from teleop_drake.study.sweep import PlanSweep
 
 SHORT = {"duration": 0.5, "controller.kind": "damped_force"}
 # A delay of 0 needs another program.

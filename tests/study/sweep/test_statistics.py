@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.figures.sweeps import PlotSweep
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.sweep import (
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.figures.sweeps import PlotSweep
+from teleop_drake.study.sweep import (
     Differences,
     Statistics,
     SweepError,
     TaskSweepResult,
     VariesSeedsOnly,
 )
-from teleop_drake.sweep.statistics import MedianInterval, ShareInterval
+from teleop_drake.study.sweep.statistics import MedianInterval, ShareInterval
 
 NUM_SEEDS = 40
 METRIC = "collision.peak_force"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario, ScenarioToYaml
-from teleop_drake.sweep import Execution, RunSweeps, study
+from teleop_drake.model.scenario import LoadScenario, ScenarioToYaml
+from teleop_drake.study.sweep import Execution, RunSweeps, study
 
 pytestmark = pytest.mark.usefixtures("in_this_process", "in_an_empty_folder")
 

@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.sweep and of the command `sweep`."""
+"""Tests of teleop_drake.study.sweep and of the command `sweep`."""
 
 import csv
 import fcntl
@@ -20,19 +20,20 @@ from runs import Run
 from teleop_drake.cli import main
 from teleop_drake.cli.commands.sweep import PlanOf
 from teleop_drake.cli.main import MakeParser
-from teleop_drake.figures.runs import SaveFigure
-from teleop_drake.figures.sweep_maps import PlotStability
-from teleop_drake.figures.sweeps import PlotSweep
-from teleop_drake.scenario import (
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     CONTROLLERS,
     LoadOverridden,
     LoadScenario,
     ScenarioError,
     ScenarioToYaml,
 )
-from teleop_drake.scenario.tree import ToTree
-from teleop_drake.simulation import simulate
-from teleop_drake.sweep import (
+from teleop_drake.model.scenario.tree import ToTree
+from teleop_drake.model.tasks.metrics import RunSummary
+from teleop_drake.study.figures.runs import SaveFigure
+from teleop_drake.study.figures.sweep_maps import PlotStability
+from teleop_drake.study.figures.sweeps import PlotSweep
+from teleop_drake.study.sweep import (
     FlattenMetrics,
     MetricUnits,
     ParseValues,
@@ -42,7 +43,6 @@ from teleop_drake.sweep import (
     SweepError,
     TaskSweepResult,
 )
-from teleop_drake.tasks.metrics import RunSummary
 
 # The tests share worker processes.
 pytestmark = [
@@ -263,7 +263,7 @@ def test_large_grids_are_checked_quickly(monkeypatch):
         calls.append(args)
         return LoadOverridden(*args)
 
-    monkeypatch.setattr("teleop_drake.sweep.plan.LoadOverridden", Load)
+    monkeypatch.setattr("teleop_drake.study.sweep.plan.LoadOverridden", Load)
     grid = {"robot.mass": range(1, 17), "robot.damping": range(16), "delay": [0.1, -1]}
     with pytest.raises(ScenarioError, match="-1"):
         PlanSweep("one_dof", grid)
@@ -284,7 +284,7 @@ def test_any_exception_is_a_row(in_this_process, monkeypatch):
             raise ZeroDivisionError("division by zero")
         return simulate(scenario)
 
-    monkeypatch.setattr("teleop_drake.sweep.plan.simulate", Simulate)
+    monkeypatch.setattr("teleop_drake.study.sweep.plan.simulate", Simulate)
     grid = {"robot.mass": [1.0, 2.0, 3.0]}
     result = Sweep("one_dof", grid, overrides=SHORT)
     assert [record["reason"] for record in result.records] == [
@@ -298,7 +298,7 @@ def test_an_interrupt_in_a_worker_ends_the_sweep(in_this_process, monkeypatch):
     def Interrupt(scenario, engine):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("teleop_drake.sweep.plan.simulate", Interrupt)
+    monkeypatch.setattr("teleop_drake.study.sweep.plan.simulate", Interrupt)
     with pytest.raises(KeyboardInterrupt):
         Sweep("one_dof", {"delay": [0.1]})
 
@@ -514,7 +514,7 @@ def test_command(capsys, monkeypatch, in_this_process, unrendered):
         *("metrics.png", "metrics_map.png", "stability.png"),
     }
     # Other metrics are drawn without any new run.
-    monkeypatch.setattr("teleop_drake.sweep.run.Workers", None)
+    monkeypatch.setattr("teleop_drake.study.sweep.run.Workers", None)
     options[2:] = ["--metrics", "collision.time", "--separate", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
@@ -524,7 +524,9 @@ def test_command(capsys, monkeypatch, in_this_process, unrendered):
 
 def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
     failed = {"status": "failed", "reason": "the model is gone", "metrics": None}
-    monkeypatch.setattr("teleop_drake.sweep.run._SimulateOne", lambda *args: failed)
+    monkeypatch.setattr(
+        "teleop_drake.study.sweep.run._SimulateOne", lambda *args: failed
+    )
     command = ["sweep", "one_dof", *OPTIONS, "--delay", "0:0.1:2", "--quiet"]
     assert main(command) == 1
     assert "one_dof: all 4 runs failed: the model is gone" in capsys.readouterr().err
@@ -532,7 +534,7 @@ def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
 
 def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
     """This is the default. A reason against it is reported once, not for each run."""
-    from teleop_drake import sweep
+    from teleop_drake.study import sweep
 
     assert MakeParser().parse_args(["sweep", "one_dof"]).engine == "auto"
     assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
@@ -542,7 +544,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
         engines.append(plan.engine)
         return {"status": "failed", "reason": "not run", "metrics": None}
 
-    monkeypatch.setattr("teleop_drake.sweep.run._SimulateOne", Simulate)
+    monkeypatch.setattr("teleop_drake.study.sweep.run._SimulateOne", Simulate)
     for overrides in (SHORT, {**SHORT, "simulator.integration_scheme": "runge_kutta3"}):
         grid = {"delay": [0.1, 0.2]}
         sweep.Sweep("one_dof", grid, overrides=overrides, notice=said.append)
@@ -563,7 +565,7 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
     def Records():
         return Sweep("one_dof", grid, overrides=SHORT, engine="auto").records
 
-    monkeypatch.setattr("teleop_drake.sweep.run.Workers", None)
+    monkeypatch.setattr("teleop_drake.study.sweep.run.Workers", None)
     records = Records()
     for delay, record in zip(grid["delay"], records, strict=True):
         scenario = LoadScenario("one_dof", SHORT | {"delay": delay})
@@ -577,8 +579,8 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
         return ThreadPoolExecutor(jobs)
 
     # If workers are faster, they do the runs after the first two; with `jobs`, all.
-    monkeypatch.setattr("teleop_drake.sweep.run.Workers", Workers)
-    monkeypatch.setattr("teleop_drake.sweep.run._START_OF_WORKERS", 1e-9)
+    monkeypatch.setattr("teleop_drake.study.sweep.run.Workers", Workers)
+    monkeypatch.setattr("teleop_drake.study.sweep.run._START_OF_WORKERS", 1e-9)
     assert Records() == records and workers == [min(2, os.cpu_count())]
     threads = Sweep("one_dof", grid, overrides=SHORT, engine="auto", jobs=1).records
     assert threads == records and workers[1:] == [1]

@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator, RandomSource
 
 from teleop_drake import ScenarioError, Sweep, TransportDelay
-from teleop_drake.simulation.compiled_system import CompiledSystem
+from teleop_drake.loops.run.compiled_system import CompiledSystem
 
 DELAYS = [0.0, 0.2, 0.5, 1.5]
 GRID = {"sensor.delay": DELAYS, "gain.k": [-1.0, -2.0]}

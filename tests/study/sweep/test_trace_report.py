@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.sweep.trace_report and of its figure and command."""
+"""Tests of teleop_drake.study.sweep.trace_report and of its figure and command."""
 
 import json
 import math
@@ -6,14 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
 from teleop_drake.cli import main
-from teleop_drake.figures.trace_report import PlotTraceReport
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.sweep.trace_report import AgeQuantile, DescribeDelays, ReportTrace
-from teleop_drake.tables.packets import Packets
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.loops.tables.packets import Packets
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.figures.trace_report import PlotTraceReport
+from teleop_drake.study.sweep.trace_report import (
+    AgeQuantile,
+    DescribeDelays,
+    ReportTrace,
+)
 
 pytestmark = [
     pytest.mark.usefixtures("in_an_empty_folder"),

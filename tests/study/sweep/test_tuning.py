@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.cli.main import main
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.scenario.yaml_text import ParseFile
-from teleop_drake.sweep import Sweep, TaskSweepResult
-from teleop_drake.sweep.study import LoadStudy
-from teleop_drake.sweep.tuning import STIFFNESS_LOSS, Tune
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.scenario.yaml_text import ParseFile
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.analysis.transparency import FeltStiffnessLoss
+from teleop_drake.study.sweep import Sweep, TaskSweepResult
+from teleop_drake.study.sweep.study import LoadStudy
+from teleop_drake.study.sweep.tuning import STIFFNESS_LOSS, Tune
 
 TASK = {"scenario": "two_dof_combined", "controller": "damped_force"}
 B = "controller.damped_force.damping"
@@ -35,7 +35,7 @@ def fake_runs(monkeypatch):
                 scenario=plan.scenario, axes=plan.axes, records=records
             )
 
-        monkeypatch.setattr("teleop_drake.sweep.run.RunSweep", RunSweep)
+        monkeypatch.setattr("teleop_drake.study.sweep.run.RunSweep", RunSweep)
 
     return Use
 

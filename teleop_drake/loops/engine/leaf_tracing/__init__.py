@@ -1,10 +1,10 @@
 """Reads LeafSystems that users wrote in Python, as they stand; see reader."""
 
-from teleop_drake.engine.leaf_tracing.reader import (
+from teleop_drake.loops.engine.leaf_tracing.reader import (
     HasInitialization,
     IsPlainLeaf,
     LeafReader,
 )
-from teleop_drake.engine.leaf_tracing.sinks import CheckSink
+from teleop_drake.loops.engine.leaf_tracing.sinks import CheckSink
 
 __all__ = ["CheckSink", "HasInitialization", "IsPlainLeaf", "LeafReader"]

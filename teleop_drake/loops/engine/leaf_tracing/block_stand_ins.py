@@ -6,14 +6,14 @@ from typing import Any, NoReturn
 
 from pydrake.systems.framework import Context, InputPort, OutputPort
 
-from teleop_drake.engine.leaf_tracing.stand_ins import (
+from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
     Continuous,
     Groups,
     StandIn,
     Vector,
 )
-from teleop_drake.jit.following import Follow
-from teleop_drake.jit.symbols import Untraceable
+from teleop_drake.loops.jit.following import Follow
+from teleop_drake.loops.jit.symbols import Untraceable
 
 # Methods of a LeafSystem that return the same in each call.
 _CONSTANT = (

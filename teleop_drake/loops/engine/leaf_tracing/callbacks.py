@@ -26,7 +26,7 @@ from pydrake.systems.framework import (
     UnrestrictedUpdateEvent,
 )
 
-from teleop_drake.jit.symbols import Untraceable
+from teleop_drake.loops.jit.symbols import Untraceable
 
 _NUMPY = np.__path__[0]
 

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
     OutputPortIndex,
 )
 
-from teleop_drake.jit.traced_numpy import OPERATIONS
+from teleop_drake.loops.jit.traced_numpy import OPERATIONS
 
 Index = (
     AbstractParameterIndex

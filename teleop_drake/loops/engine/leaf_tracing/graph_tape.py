@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.engine.expression_tape import Tape
-from teleop_drake.jit.symbols import AsReal, Number, Ref
-from teleop_drake.jit.traced_numpy import OPERATIONS
-from teleop_drake.jit.tracing import Graph
+from teleop_drake.loops.engine.expression_tape import Tape
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.jit.symbols import AsReal, Number, Ref
+from teleop_drake.loops.jit.traced_numpy import OPERATIONS
+from teleop_drake.loops.jit.tracing import Graph
 
 _FUNCTIONS: dict[str, Any] = {
     **{name: getattr(np, usual) for usual, name in OPERATIONS.items()},

@@ -20,7 +20,7 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus, State
 
-from teleop_drake.engine.leaf_tracing.callbacks import (
+from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     Found,
     FoundIn,
     IsCalledByDrake,
@@ -28,8 +28,8 @@ from teleop_drake.engine.leaf_tracing.callbacks import (
     Stop,
     Watched,
 )
-from teleop_drake.jit.symbols import Untraceable
-from teleop_drake.numerics.instants import same_within
+from teleop_drake.loops.jit.symbols import Untraceable
+from teleop_drake.loops.numerics.instants import same_within
 
 # The length of the run, s, and its most steps. An event that happens for the first time
 # after so many others is not found.

@@ -11,10 +11,10 @@ import numpy as np
 from pydrake.symbolic import Expression, MakeVectorVariable
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.engine.expression_tape import MakeTape
-from teleop_drake.engine.leaf_tracing.stand_ins import Copied, StandIn, Vector
-from teleop_drake.jit.symbolic_arrays import AsNumbers, Objects
-from teleop_drake.jit.symbols import Untraceable
+from teleop_drake.loops.engine.expression_tape import MakeTape
+from teleop_drake.loops.engine.leaf_tracing.stand_ins import Copied, StandIn, Vector
+from teleop_drake.loops.jit.symbolic_arrays import AsNumbers, Objects
+from teleop_drake.loops.jit.symbols import Untraceable
 
 TIME = -1
 """The key of the time among the values that a function sets in a Context."""

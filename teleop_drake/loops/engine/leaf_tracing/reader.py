@@ -31,10 +31,9 @@ from pydrake.systems.framework import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.contexts import DiscreteState
-from teleop_drake.engine.flatten import UnreadableLeaf
-from teleop_drake.engine.leaf_tracing.advice import Advised
-from teleop_drake.engine.leaf_tracing.block_stand_ins import (
+from teleop_drake.loops.engine.flatten import UnreadableLeaf
+from teleop_drake.loops.engine.leaf_tracing.advice import Advised
+from teleop_drake.loops.engine.leaf_tracing.block_stand_ins import (
     OwnBlock,
     OwnCache,
     OwnContext,
@@ -43,21 +42,21 @@ from teleop_drake.engine.leaf_tracing.block_stand_ins import (
     OwnOutput,
     SuperOf,
 )
-from teleop_drake.engine.leaf_tracing.callbacks import (
+from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     FindCallback,
     Found,
     IsPassed,
     Passed,
 )
-from teleop_drake.engine.leaf_tracing.drake_math import MATH, Index
-from teleop_drake.engine.leaf_tracing.graph_tape import TapeOf
-from teleop_drake.engine.leaf_tracing.handlers import EventFinder, Handler
-from teleop_drake.engine.leaf_tracing.inner_systems import (
+from teleop_drake.loops.engine.leaf_tracing.drake_math import MATH, Index
+from teleop_drake.loops.engine.leaf_tracing.graph_tape import TapeOf
+from teleop_drake.loops.engine.leaf_tracing.handlers import EventFinder, Handler
+from teleop_drake.loops.engine.leaf_tracing.inner_systems import (
     InnerContext,
     InnerSystem,
     IsInner,
 )
-from teleop_drake.engine.leaf_tracing.stand_ins import (
+from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
     Cell,
     Groups,
     Rates,
@@ -67,14 +66,15 @@ from teleop_drake.engine.leaf_tracing.stand_ins import (
     StatusClass,
     WrittenState,
 )
-from teleop_drake.engine.leaf_tracing.trajectories import Trajectory
-from teleop_drake.jit.following import Follow
-from teleop_drake.jit.symbolic_arrays import AsFloats, AsNumbers
-from teleop_drake.jit.symbols import IsSame, Untraceable
-from teleop_drake.jit.tracing import Graph
-from teleop_drake.kernel import Kernel, Term, Transition
-from teleop_drake.signals import VectorOutputs
-from teleop_drake.wiring import InputPorts
+from teleop_drake.loops.engine.leaf_tracing.trajectories import Trajectory
+from teleop_drake.loops.framework.contexts import DiscreteState
+from teleop_drake.loops.framework.signals import VectorOutputs
+from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.jit.following import Follow
+from teleop_drake.loops.jit.symbolic_arrays import AsFloats, AsNumbers
+from teleop_drake.loops.jit.symbols import IsSame, Untraceable
+from teleop_drake.loops.jit.tracing import Graph
+from teleop_drake.loops.kernel import Kernel, Term, Transition
 
 # The operations by which a smooth function of time becomes one that may jump.
 _JUMPING = frozenset({"select", "floor", "ceil", "trunc", "fmod"})

@@ -9,8 +9,8 @@ from typing import Any
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import DiscreteValues, LeafSystem, State
 
-from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.leaf_tracing.callbacks import (
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     Found,
     FoundIn,
     IsCalledByDrake,

@@ -16,8 +16,8 @@ from pydrake.systems.framework import (
     State,
 )
 
-from teleop_drake.jit.symbolic_arrays import AsFloats, AsNumbers, Objects
-from teleop_drake.jit.symbols import Untraceable
+from teleop_drake.loops.jit.symbolic_arrays import AsFloats, AsNumbers, Objects
+from teleop_drake.loops.jit.symbols import Untraceable
 
 
 class StandIn:

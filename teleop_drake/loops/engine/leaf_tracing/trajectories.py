@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.engine.leaf_tracing.stand_ins import StandIn
-from teleop_drake.jit.symbolic_arrays import AsNumbers, HasNumbers, Where
+from teleop_drake.loops.engine.leaf_tracing.stand_ins import StandIn
+from teleop_drake.loops.jit.symbolic_arrays import AsNumbers, HasNumbers, Where
 
 _CONSTANT = (
     "rows", "cols", "start_time", "end_time", "get_segment_times",

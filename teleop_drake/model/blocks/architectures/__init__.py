@@ -1,30 +1,30 @@
 """The control architectures: a file for each kind."""
 
-from teleop_drake.blocks.architectures.adaptive_backstepping import (
+from teleop_drake.loops.framework.kinds import KindTable
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.blocks.architectures.base import (
+from teleop_drake.model.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
     ControlLawConfig,
     Facts,
 )
-from teleop_drake.blocks.architectures.damped_force import DampedForceConfig
-from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
-from teleop_drake.blocks.architectures.four_channel import FourChannelConfig
-from teleop_drake.blocks.architectures.own_law import LawConfig
-from teleop_drake.blocks.architectures.proportional_damping import (
+from teleop_drake.model.blocks.architectures.damped_force import DampedForceConfig
+from teleop_drake.model.blocks.architectures.direct_force import DirectForceConfig
+from teleop_drake.model.blocks.architectures.four_channel import FourChannelConfig
+from teleop_drake.model.blocks.architectures.own_law import LawConfig
+from teleop_drake.model.blocks.architectures.proportional_damping import (
     ProportionalDampingConfig,
 )
-from teleop_drake.blocks.architectures.robust_backstepping import (
+from teleop_drake.model.blocks.architectures.robust_backstepping import (
     RobustBacksteppingConfig,
 )
-from teleop_drake.blocks.architectures.smith_predictor import SmithPredictorConfig
-from teleop_drake.blocks.architectures.time_domain_passivity import (
+from teleop_drake.model.blocks.architectures.smith_predictor import SmithPredictorConfig
+from teleop_drake.model.blocks.architectures.time_domain_passivity import (
     TimeDomainPassivityConfig,
 )
-from teleop_drake.blocks.architectures.wave_variables import WaveVariablesConfig
-from teleop_drake.kinds import KindTable
+from teleop_drake.model.blocks.architectures.wave_variables import WaveVariablesConfig
 
 ARCHITECTURE_KINDS = KindTable(
     ArchitectureConfig,

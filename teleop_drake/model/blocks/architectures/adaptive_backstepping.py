@@ -7,21 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.architectures.base import ControlLawConfig, Facts, LawBlock
-from teleop_drake.jit.compiled import Law
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
-from teleop_drake.laws.backstepping import (
-    BacksteppingGains,
-    adaptive_errors,
-    adaptive_rate,
-    initial_state,
-    pack_state,
-)
-from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.robust_backstepping import RobustBounds
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckChoice,
     CheckGain,
@@ -39,6 +26,23 @@ from teleop_drake.validation import (
     Show,
     Within,
 )
+from teleop_drake.loops.jit.compiled import Law
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.loops.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
+from teleop_drake.model.blocks.architectures.base import (
+    ControlLawConfig,
+    Facts,
+    LawBlock,
+)
+from teleop_drake.model.laws.backstepping import (
+    BacksteppingGains,
+    adaptive_errors,
+    adaptive_rate,
+    initial_state,
+    pack_state,
+)
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork
+from teleop_drake.model.laws.robust_backstepping import RobustBounds
 
 # Relative distance from its limit at which Psi counts as being there. The solver's own
 # error, which keeps Psi away from the limit, is far smaller.
@@ -62,7 +66,7 @@ class AdaptiveBackstepping(LawBlock):
 
     with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and the reason
     why the sign of dW3/dt is not the printed one, are in
-    `teleop_drake.laws.backstepping`. F_hd = F_h(t - T_f) and v_dd = v_d(t - T_f) are
+    `laws.backstepping`. F_hd = F_h(t - T_f) and v_dd = v_d(t - T_f) are
     received over the forward channel. The input of both networks is the tool's position
     r, or [r; v]; see `laws.backstepping.known` for the dPhi/dt that the law then uses.
 
@@ -96,7 +100,7 @@ class AdaptiveBackstepping(LawBlock):
     | 11        | Psi_min   | 1/kg    |
 
     State (continuous): [F_c (n), W1 (n N), Psi (n n), W3 (n N)], matrices row by row;
-    `teleop_drake.laws.backstepping.unpack_state` takes it apart.
+    `teleop_drake.model.laws.backstepping.unpack_state` takes it apart.
 
     Initial value: F_c = 0, W1 = W3 = 0, Psi = Psi0.
 

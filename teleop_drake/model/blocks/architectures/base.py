@@ -17,17 +17,22 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.arrays import Array, ArrayLike, Names
-from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.kinds import KindConfig
-from teleop_drake.numerics.transfer_function import (
+from teleop_drake.loops.delays import ChannelConfig
+from teleop_drake.loops.framework.arrays import Array, ArrayLike, Names
+from teleop_drake.loops.framework.kinds import KindConfig
+from teleop_drake.loops.framework.validation import (
+    Config,
+    Refuse,
+    ScenarioError,
+    Within,
+)
+from teleop_drake.loops.framework.wiring import OutputNames, Wire
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.loops.numerics.transfer_function import (
     low_frequency_resistance,
     realize_transfer_function,
 )
-from teleop_drake.validation import Config, Refuse, ScenarioError, Within
-from teleop_drake.wiring import OutputNames, Wire
+from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
 
 
 @dataclass(frozen=True, kw_only=True)

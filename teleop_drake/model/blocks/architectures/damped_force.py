@@ -5,15 +5,25 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.architectures.base import ControlLawConfig, Facts, LawBlock
-from teleop_drake.blocks.architectures.local_damper import (
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import (
+    CheckGain,
+    Config,
+    GainField,
+    GainRange,
+    Gains,
+)
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.model.blocks.architectures.base import (
+    ControlLawConfig,
+    Facts,
+    LawBlock,
+)
+from teleop_drake.model.blocks.architectures.local_damper import (
     BrakedVelocity,
     LocalDamperConfig,
 )
-from teleop_drake.kernel import Kernel
-from teleop_drake.laws.proportional import braked_force, damper_force
-from teleop_drake.validation import CheckGain, Config, GainField, GainRange, Gains
+from teleop_drake.model.laws.proportional import braked_force, damper_force
 
 
 class DampedForce(LawBlock):

@@ -1,12 +1,12 @@
 """The baseline of the thesis: the haptic force acts on the tool as it arrives."""
 
-from teleop_drake.blocks.architectures.base import (
+from teleop_drake.loops.framework.validation import CheckNumber, Config
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.model.blocks.architectures.base import (
     ControlLawConfig,
     Facts,
     LawBlock,
 )
-from teleop_drake.kernel import Kernel
-from teleop_drake.validation import CheckNumber, Config
 
 
 class DirectForce(LawBlock):

@@ -3,23 +3,8 @@
 from dataclasses import field, replace
 from typing import Any, ClassVar
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.architectures.base import (
-    Architecture,
-    CheckStart,
-    Facts,
-    MasterSide,
-    SlaveSide,
-)
-from teleop_drake.blocks.architectures.local_damper import LocalDamperConfig
-from teleop_drake.kernel import Kernel, Term
-from teleop_drake.laws.four_channel import (
-    Station,
-    following_rate,
-    master_rate,
-    slave_force,
-)
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckNumber,
     Config,
@@ -29,6 +14,21 @@ from teleop_drake.validation import (
     Gains,
     Number,
     Range,
+)
+from teleop_drake.loops.kernel import Kernel, Term
+from teleop_drake.model.blocks.architectures.base import (
+    Architecture,
+    CheckStart,
+    Facts,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.model.blocks.architectures.local_damper import LocalDamperConfig
+from teleop_drake.model.laws.four_channel import (
+    Station,
+    following_rate,
+    master_rate,
+    slave_force,
 )
 
 _STATION_NUMBERS = {

@@ -17,10 +17,10 @@ because -D (v - v_d) v <= D v_d^2/4, and none while the operator commands no vel
 An operator whose v_d depends on what it feels closes another loop.
 """
 
-from teleop_drake.blocks.architectures.base import ArchitectureConfig
-from teleop_drake.kernel import Name, Term
-from teleop_drake.laws.proportional import driven_force, velocity_error
-from teleop_drake.validation import CheckChoice, Config
+from teleop_drake.loops.framework.validation import CheckChoice, Config
+from teleop_drake.loops.kernel import Name, Term
+from teleop_drake.model.blocks.architectures.base import ArchitectureConfig
+from teleop_drake.model.laws.proportional import driven_force, velocity_error
 
 AGAINST = ("ground", "command")
 """The reference of the damper: the ground, or the commanded velocity."""

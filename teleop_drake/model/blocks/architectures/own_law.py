@@ -14,16 +14,22 @@ from typing import Any, ClassVar
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array, ArrayLike, Record
-from teleop_drake.blocks.architectures.base import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike, Record
+from teleop_drake.loops.framework.validation import (
+    REQUIRED,
+    CheckChoice,
+    Config,
+    Refuse,
+    ScenarioError,
+)
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.loops.kernel.terms import WORDS
+from teleop_drake.model.blocks.architectures.base import (
     LAW_INPUTS,
     ControlLawConfig,
     Facts,
     LawBlock,
 )
-from teleop_drake.kernel import Kernel
-from teleop_drake.kernel.terms import WORDS
-from teleop_drake.validation import REQUIRED, CheckChoice, Config, Refuse, ScenarioError
 
 Law = Callable[..., ArrayLike]
 

@@ -5,22 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.architectures.base import (
-    Architecture,
-    CheckStart,
-    Facts,
-    MasterSide,
-    SlaveSide,
-)
-from teleop_drake.blocks.architectures.local_damper import (
-    BrakedVelocity,
-    DrivenForce,
-    LocalDamperConfig,
-)
-from teleop_drake.kernel import Kernel
-from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import (
     Config,
     GainField,
     GainMatrix,
@@ -28,6 +14,24 @@ from teleop_drake.validation import (
     Gains,
     Number,
     Refuse,
+)
+from teleop_drake.loops.kernel import Kernel
+from teleop_drake.model.blocks.architectures.base import (
+    Architecture,
+    CheckStart,
+    Facts,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.model.blocks.architectures.local_damper import (
+    BrakedVelocity,
+    DrivenForce,
+    LocalDamperConfig,
+)
+from teleop_drake.model.laws.proportional import (
+    coupling_force,
+    master_rate,
+    slave_force,
 )
 
 

@@ -5,25 +5,25 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.blocks.architectures.adaptive_backstepping import (
-    AdaptiveBackstepping,
-    AdaptiveBacksteppingConfig,
-)
-from teleop_drake.blocks.architectures.base import Facts
-from teleop_drake.laws.backstepping import BacksteppingGains
-from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.robust_backstepping import (
-    RobustBounds,
-    robust_errors,
-    robust_rate,
-)
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
     FixedFields,
     Number,
     Range,
     Refuse,
+)
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+    AdaptiveBacksteppingConfig,
+)
+from teleop_drake.model.blocks.architectures.base import Facts
+from teleop_drake.model.laws.backstepping import BacksteppingGains
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork
+from teleop_drake.model.laws.robust_backstepping import (
+    RobustBounds,
+    robust_errors,
+    robust_rate,
 )
 
 
@@ -35,7 +35,7 @@ class RobustBackstepping(AdaptiveBackstepping):
                                 + rho3 z/sqrt(|z|^2 + eps3^2)
 
     The law, with w and H and the proof of its ultimate bound, is
-    `teleop_drake.laws.robust_backstepping`. Ports, state, initial value and direct
+    `laws.robust_backstepping`. Ports, state, initial value and direct
     feedthrough are those of AdaptiveBackstepping. With rho1 = rho3 = 0, the law is that
     of AdaptiveBackstepping as well.
 

@@ -13,16 +13,8 @@ from pydrake.systems.primitives import (
     Multiplexer,
 )
 
-from teleop_drake.blocks.architectures.base import (
-    Architecture,
-    Facts,
-    MakeLawArchitecture,
-)
-from teleop_drake.blocks.architectures.damped_force import DampedForce
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.blocks.architectures.local_damper import LocalDamperConfig
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.validation import (
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
     GainField,
@@ -31,7 +23,15 @@ from teleop_drake.validation import (
     Number,
     Refuse,
 )
-from teleop_drake.wiring import Wire
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.model.blocks.architectures.base import (
+    Architecture,
+    Facts,
+    MakeLawArchitecture,
+)
+from teleop_drake.model.blocks.architectures.damped_force import DampedForce
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.blocks.architectures.local_damper import LocalDamperConfig
 
 
 class SmithPredictorMaster(Diagram):

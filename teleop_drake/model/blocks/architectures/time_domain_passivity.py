@@ -4,26 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.blocks.architectures.base import (
-    Architecture,
-    Facts,
-    MasterSide,
-    SlaveSide,
-)
-from teleop_drake.blocks.architectures.local_damper import (
-    BrakedVelocity,
-    LocalDamperConfig,
-)
-from teleop_drake.kernel import Kernel, Name, times
-from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
-from teleop_drake.laws.passivity import (
-    energy_budget,
-    injected_resistance,
-    passive_effort,
-    scaled_energy_rates,
-)
-from teleop_drake.laws.proportional import braked_force
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
     GainField,
@@ -33,6 +14,25 @@ from teleop_drake.validation import (
     Range,
     Refuse,
 )
+from teleop_drake.loops.kernel import Kernel, Name, times
+from teleop_drake.loops.kernel.linear_part import IDLE_PASSIVITY, LinearPart
+from teleop_drake.model.blocks.architectures.base import (
+    Architecture,
+    Facts,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.model.blocks.architectures.local_damper import (
+    BrakedVelocity,
+    LocalDamperConfig,
+)
+from teleop_drake.model.laws.passivity import (
+    energy_budget,
+    injected_resistance,
+    passive_effort,
+    scaled_energy_rates,
+)
+from teleop_drake.model.laws.proportional import braked_force
 
 # A budget that a linear model never uses up, in units of the scale or of E_0.
 _AMPLE = 1e9
@@ -58,7 +58,7 @@ class PassivityMaster(_Idle, MasterSide):
     on each axis. Without the controller, the power -F_h v_ret would flow to the
     operator's hand. beta is 0 as long as the budget W_m suffices for this power during
     the next `horizon`. Otherwise, beta reduces the power to W_m / horizon. F_h is sent
-    unchanged. The law is `teleop_drake.laws.passivity`.
+    unchanged. The law is `teleop_drake.model.laws.passivity`.
 
     | port | name             | size | unit        | is                              |
     |------|------------------|------|-------------|---------------------------------|
@@ -180,7 +180,7 @@ class PassivitySlave(_Idle, SlaveSide):
     is 0 as long as the budget W_s suffices for this power during the next `horizon`.
     Otherwise, the damping alpha reduces the power to W_s / horizon. E_0 allows the tool
     to start: the operator feels the tool at rest for a round trip, and supplies no
-    power before. The law is `teleop_drake.laws.passivity`. B is a local damper behind
+    power before. The law is `laws.passivity`. B is a local damper behind
     the port, against the ground or the command (see local_damper); the power that it
     takes is part of F v.
 

@@ -5,28 +5,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.architectures.base import (
-    Architecture,
-    CheckStart,
-    Facts,
-    MasterSide,
-    SlaveSide,
-)
-from teleop_drake.blocks.architectures.local_damper import (
-    DrivenForce,
-    LocalDamperConfig,
-)
-from teleop_drake.kernel import Kernel, times
-from teleop_drake.laws.wave_variables import (
-    line_power,
-    master_velocity,
-    passive_scaling,
-    reflected_wave,
-    slave_force,
-    wave_root,
-)
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
     GainField,
@@ -35,6 +15,26 @@ from teleop_drake.validation import (
     Number,
     Range,
     Refuse,
+)
+from teleop_drake.loops.kernel import Kernel, times
+from teleop_drake.model.blocks.architectures.base import (
+    Architecture,
+    CheckStart,
+    Facts,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.model.blocks.architectures.local_damper import (
+    DrivenForce,
+    LocalDamperConfig,
+)
+from teleop_drake.model.laws.wave_variables import (
+    line_power,
+    master_velocity,
+    passive_scaling,
+    reflected_wave,
+    slave_force,
+    wave_root,
 )
 
 
@@ -47,7 +47,7 @@ class WaveMaster(MasterSide):
     with the wave impedance b, a damper D in parallel with the line, against the ground
     or the command (see local_damper), and the wave as received times the scaling, w.
     The force on the line is F - D v_m. With D = b, u does not depend on w: no wave is
-    reflected at this end. The law is `teleop_drake.laws.wave_variables`.
+    reflected at this end. The law is `teleop_drake.model.laws.wave_variables`.
 
     | port | name             | size | unit          | is                         |
     |------|------------------|------|---------------|----------------------------|
@@ -163,7 +163,7 @@ class WaveSlave(SlaveSide):
 
     with the wave impedance b and the wave as received times the scaling, u. The tool's
     position is the integral of a velocity that the waves transmit: if waves are lost,
-    it drifts away from x_m. The law is `teleop_drake.laws.wave_variables`.
+    it drifts away from x_m. The law is `teleop_drake.model.laws.wave_variables`.
 
     | port | name              | size | unit         | is                        |
     |------|-------------------|------|--------------|---------------------------|

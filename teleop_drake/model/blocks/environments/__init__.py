@@ -1,7 +1,6 @@
 """The environments of the tool: a file for each kind."""
 
-from teleop_drake.blocks.environments.base import EnvironmentConfig
-from teleop_drake.blocks.environments.surface import (
+from teleop_drake.loops.framework.surface import (
     CONTACT,
     PUNCTURE,
     FindSurface,
@@ -10,6 +9,7 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     SurfacesOf,
 )
+from teleop_drake.model.blocks.environments.base import EnvironmentConfig
 
 __all__ = [
     "CONTACT",

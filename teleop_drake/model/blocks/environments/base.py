@@ -5,16 +5,16 @@ from abc import ABC, abstractmethod
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.environments.surface import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import KindConfig
+from teleop_drake.loops.framework.surface import (
     MaterialAt,
     StackNormal,
     Surface,
     SurfacesOf,
 )
-from teleop_drake.kinds import KindConfig
-from teleop_drake.numerics.differences import differentiate
-from teleop_drake.validation import Config
+from teleop_drake.loops.framework.validation import Config
+from teleop_drake.loops.numerics.differences import differentiate
 
 # Largest steps of the finite differences in position, m, and in velocity, m/s. The step
 # in position is at most _STEP_SHARE of the distance to the nearest surface.

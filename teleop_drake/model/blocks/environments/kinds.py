@@ -1,16 +1,16 @@
 """The kinds of environments that a scenario can name."""
 
-from teleop_drake.blocks.environments.base import EnvironmentConfig
-from teleop_drake.blocks.environments.layered_force_field import (
+from teleop_drake.loops.framework.kinds import KindTable
+from teleop_drake.model.blocks.environments.base import EnvironmentConfig
+from teleop_drake.model.blocks.environments.layered_force_field import (
     LayersEnvironmentConfig,
 )
-from teleop_drake.blocks.environments.needle_path import NeedlePathConfig
-from teleop_drake.blocks.environments.wall import (
+from teleop_drake.model.blocks.environments.needle_path import NeedlePathConfig
+from teleop_drake.model.blocks.environments.wall import (
     FrictionWallConfig,
     HuntCrossleyConfig,
     StandardLinearSolidConfig,
 )
-from teleop_drake.kinds import KindTable
 
 ENVIRONMENT_KINDS = KindTable(
     EnvironmentConfig,

@@ -8,9 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.environments.base import EnvironmentConfig
-from teleop_drake.blocks.environments.surface import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.surface import (
     CONTACT,
     EMPTY,
     PUNCTURE,
@@ -19,14 +18,7 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     UnitNormal,
 )
-from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
-from teleop_drake.kernel.linear_part import LinearPart
-from teleop_drake.laws.layered_force import (
-    LAYER_COLUMNS,
-    layer_table,
-    layered_force,
-)
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckNumber,
     Config,
@@ -34,6 +26,14 @@ from teleop_drake.validation import (
     Number,
     Range,
     Refuse,
+)
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Term, Transition
+from teleop_drake.loops.kernel.linear_part import LinearPart
+from teleop_drake.model.blocks.environments.base import EnvironmentConfig
+from teleop_drake.model.laws.layered_force import (
+    LAYER_COLUMNS,
+    layer_table,
+    layered_force,
 )
 
 

@@ -6,18 +6,25 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.environments.base import EnvironmentConfig
-from teleop_drake.blocks.environments.layered_force_field import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.surface import PlaneSurface, Surface, UnitNormal
+from teleop_drake.loops.framework.validation import (
+    REQUIRED,
+    CheckVector,
+    Config,
+    Number,
+    Range,
+    Refuse,
+)
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.loops.kernel.linear_part import LinearPart
+from teleop_drake.model.blocks.environments.base import EnvironmentConfig
+from teleop_drake.model.blocks.environments.layered_force_field import (
     LAYER_HERE,
     LEAVES_LAYER,
     LayerLimits,
 )
-from teleop_drake.blocks.environments.surface import PlaneSurface, Surface, UnitNormal
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.kernel.linear_part import LinearPart
-from teleop_drake.laws.needle import NeedlePath, needle_wrench
-from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Range, Refuse
+from teleop_drake.model.laws.needle import NeedlePath, needle_wrench
 
 
 @Config

@@ -6,17 +6,23 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.environments.base import EnvironmentConfig
-from teleop_drake.blocks.environments.surface import (
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.surface import (
     CONTACT,
     PlaneSurface,
     Surface,
     UnitNormal,
 )
-from teleop_drake.kernel import FixedBlock, Kernel, Term
-from teleop_drake.laws.contact import creep_rate, solid_force, wall_force
-from teleop_drake.validation import REQUIRED, Config, Number, Range, RangeOfEach
+from teleop_drake.loops.framework.validation import (
+    REQUIRED,
+    Config,
+    Number,
+    Range,
+    RangeOfEach,
+)
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Term
+from teleop_drake.model.blocks.environments.base import EnvironmentConfig
+from teleop_drake.model.laws.contact import creep_rate, solid_force, wall_force
 
 
 @Config

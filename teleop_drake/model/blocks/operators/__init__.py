@@ -1,17 +1,17 @@
 """The operators of the haptic device: a file for each kind."""
 
-from teleop_drake.blocks.operators.base import OperatorConfig
-from teleop_drake.blocks.operators.human import HumanConfig
-from teleop_drake.blocks.operators.move_and_wait import MoveAndWaitConfig
-from teleop_drake.blocks.operators.planned import (
+from teleop_drake.loops.framework.kinds import KindTable
+from teleop_drake.model.blocks.operators.base import OperatorConfig
+from teleop_drake.model.blocks.operators.human import HumanConfig
+from teleop_drake.model.blocks.operators.move_and_wait import MoveAndWaitConfig
+from teleop_drake.model.blocks.operators.planned import (
     ConstantVelocityConfig,
     ConstantVelocityOperator,
     MinimumJerkConfig,
     SineConfig,
     TrapezoidConfig,
 )
-from teleop_drake.blocks.operators.recorded import RecordedConfig
-from teleop_drake.kinds import KindTable
+from teleop_drake.model.blocks.operators.recorded import RecordedConfig
 
 OPERATOR_KINDS = KindTable(
     OperatorConfig,

@@ -9,13 +9,9 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
-from teleop_drake.kernel.linear_part import HeldForce, LinearPart
-from teleop_drake.kinds import KindConfig
-from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import KindConfig
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckNumber,
     CheckVector,
@@ -23,6 +19,14 @@ from teleop_drake.validation import (
     Number,
     Refuse,
     Within,
+)
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Term, Transition
+from teleop_drake.loops.kernel.linear_part import HeldForce, LinearPart
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.laws.operator import (
+    force_command,
+    operator_mode,
+    velocity_command,
 )
 
 MOST_VELOCITY = 1000.0

@@ -1,8 +1,8 @@
 """An operator whose commands enter through an input port during the simulation."""
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.environments.surface import Surface
-from teleop_drake.blocks.operators.base import ModalOperator
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.surface import Surface
+from teleop_drake.model.blocks.operators.base import ModalOperator
 
 
 class HandOperator(ModalOperator):

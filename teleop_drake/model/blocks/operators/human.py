@@ -7,21 +7,27 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.channels.base import SHORTEST_TIME, CheckDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
-from teleop_drake.kernel import Term
-from teleop_drake.laws.operator import (
+from teleop_drake.loops.delays.base import SHORTEST_TIME, CheckDelay
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import (
+    CheckChoice,
+    Config,
+    Number,
+    Range,
+    Refuse,
+)
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.loops.kernel import Term
+from teleop_drake.loops.numerics.transfer_function import all_pass_of_delay
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
+from teleop_drake.model.laws.operator import (
     HumanOperator,
     intended_velocity,
     rate_to_position,
     rate_to_velocity,
 )
-from teleop_drake.numerics.transfer_function import all_pass_of_delay
-from teleop_drake.validation import CheckChoice, Config, Number, Range, Refuse
-from teleop_drake.wiring import Wire
 
 GOALS = ("position", "velocity")
 """The quantities that a human may track."""

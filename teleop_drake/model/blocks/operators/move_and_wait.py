@@ -5,13 +5,19 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
-from teleop_drake.kernel import Transition
-from teleop_drake.laws.operator import operator_mode
-from teleop_drake.validation import CheckVector, Config, Number, Range, Refuse
+from teleop_drake.loops.delays.base import SHORTEST_TIME
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import (
+    CheckVector,
+    Config,
+    Number,
+    Range,
+    Refuse,
+)
+from teleop_drake.loops.kernel import Transition
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
+from teleop_drake.model.laws.operator import operator_mode
 
 # The operator's phases: a move is commanded and the tool is not yet seen to move; the
 # tool is seen to move; the tool is seen at rest; the tool has reached the goal.

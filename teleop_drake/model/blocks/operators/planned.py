@@ -8,19 +8,25 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike, Interval
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
-from teleop_drake.kernel import Term, Transition
-from teleop_drake.numerics.piecewise_polynomial import (
+from teleop_drake.loops.delays.base import SHORTEST_TIME
+from teleop_drake.loops.framework.arrays import Array, ArrayLike, Interval
+from teleop_drake.loops.framework.validation import (
+    CheckVector,
+    Config,
+    Number,
+    Range,
+    Refuse,
+)
+from teleop_drake.loops.kernel import Term, Transition
+from teleop_drake.loops.numerics.piecewise_polynomial import (
     differentiate_pieces,
     evaluate_pieces,
     largest_norm,
     linear_pieces,
     minimum_jerk_pieces,
 )
-from teleop_drake.validation import CheckVector, Config, Number, Range, Refuse
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a sine in rad/s."""

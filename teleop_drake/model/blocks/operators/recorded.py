@@ -4,12 +4,16 @@ import math
 
 import numpy as np
 
-from teleop_drake.blocks.operators.base import MOST_VELOCITY
-from teleop_drake.blocks.operators.planned import Plan, PlannedConfig, PlanOfPieces
-from teleop_drake.kinds import FileOf, GivenFile
-from teleop_drake.numerics.piecewise_polynomial import linear_pieces
-from teleop_drake.tables.motion import Motion, ReadMotion
-from teleop_drake.validation import REQUIRED, Config, Refuse
+from teleop_drake.loops.framework.kinds import FileOf, GivenFile
+from teleop_drake.loops.framework.validation import REQUIRED, Config, Refuse
+from teleop_drake.loops.numerics.piecewise_polynomial import linear_pieces
+from teleop_drake.loops.tables.motion import Motion, ReadMotion
+from teleop_drake.model.blocks.operators.base import MOST_VELOCITY
+from teleop_drake.model.blocks.operators.planned import (
+    Plan,
+    PlannedConfig,
+    PlanOfPieces,
+)
 
 
 @Config

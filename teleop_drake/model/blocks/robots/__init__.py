@@ -4,17 +4,21 @@ import dataclasses
 
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.robots.arm import ArmConfig
-from teleop_drake.blocks.robots.base import PlantRobotConfig, RobotConfig
-from teleop_drake.blocks.robots.driven_arm import DrivenArmConfig
-from teleop_drake.blocks.robots.facts import FactsOfConfig, FactsOfRobot, RobotFacts
-from teleop_drake.blocks.robots.puma560 import Puma560Config
-from teleop_drake.blocks.robots.robot_diagram import MakeRobotDiagram
-from teleop_drake.blocks.robots.slider import SliderConfig
-from teleop_drake.blocks.robots.two_link_arm import TwoLinkArmConfig
-from teleop_drake.kinds import KindTable
-from teleop_drake.validation import Choices, Refuse, Within
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.kinds import KindTable
+from teleop_drake.loops.framework.validation import Choices, Refuse, Within
+from teleop_drake.model.blocks.robots.arm import ArmConfig
+from teleop_drake.model.blocks.robots.base import PlantRobotConfig, RobotConfig
+from teleop_drake.model.blocks.robots.driven_arm import DrivenArmConfig
+from teleop_drake.model.blocks.robots.facts import (
+    FactsOfConfig,
+    FactsOfRobot,
+    RobotFacts,
+)
+from teleop_drake.model.blocks.robots.puma560 import Puma560Config
+from teleop_drake.model.blocks.robots.robot_diagram import MakeRobotDiagram
+from teleop_drake.model.blocks.robots.slider import SliderConfig
+from teleop_drake.model.blocks.robots.two_link_arm import TwoLinkArmConfig
 
 ROBOT_KINDS = KindTable(
     RobotConfig,

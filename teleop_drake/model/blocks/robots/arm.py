@@ -13,13 +13,9 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.robots.base import NewPlant
-from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
-from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL
-from teleop_drake.files import ReadText
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.files import ReadText
+from teleop_drake.loops.framework.validation import (
     REQUIRED,
     Config,
     IsGiven,
@@ -27,6 +23,10 @@ from teleop_drake.validation import (
     ScenarioError,
     Show,
 )
+from teleop_drake.model.blocks.robots.base import NewPlant
+from teleop_drake.model.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
+from teleop_drake.model.blocks.robots.inertias import LinkWithoutInertia
+from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL
 
 _SUFFIXES = (".sdf", ".urdf")
 

@@ -14,15 +14,21 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.inverse_kinematics import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import KindConfig
+from teleop_drake.loops.framework.validation import (
+    REQUIRED,
+    CheckVector,
+    Config,
+    Refuse,
+    Within,
+)
+from teleop_drake.model.blocks.robots.inverse_kinematics import (
     SolveInverseKinematics,
     ToolRotation,
 )
-from teleop_drake.blocks.robots.robot_diagram import JointDrive, MakeRobotDiagram
-from teleop_drake.kinds import KindConfig
-from teleop_drake.laws.task_space import MAX_ROTATION, rotated
-from teleop_drake.validation import REQUIRED, CheckVector, Config, Refuse, Within
+from teleop_drake.model.blocks.robots.robot_diagram import JointDrive, MakeRobotDiagram
+from teleop_drake.model.laws.task_space import MAX_ROTATION, rotated
 
 # The SceneGraph with which new plants register their shapes; None: with none.
 _SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=None)

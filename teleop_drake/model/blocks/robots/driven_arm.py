@@ -7,14 +7,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import PlantRobotConfig
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolRotation
-from teleop_drake.blocks.robots.robot_diagram import JointDrive
-from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
-from teleop_drake.blocks.systems.posture_hold import PostureHold
-from teleop_drake.laws.task_space import PostureGains
-from teleop_drake.validation import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckNumber,
     CheckVector,
@@ -23,6 +17,12 @@ from teleop_drake.validation import (
     Refuse,
     Within,
 )
+from teleop_drake.model.blocks.robots.base import PlantRobotConfig
+from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL, ToolRotation
+from teleop_drake.model.blocks.robots.robot_diagram import JointDrive
+from teleop_drake.model.blocks.systems.gravity_compensation import GravityCompensation
+from teleop_drake.model.blocks.systems.posture_hold import PostureHold
+from teleop_drake.model.laws.task_space import PostureGains
 
 HOLDS = ("none", "posture", "orientation")
 """The quantities that an arm can hold with the joints that the task leaves free."""

@@ -9,12 +9,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FrameIndex
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.robots.base import RobotConfig
-from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.blocks.robots.base import RobotConfig
+from teleop_drake.model.blocks.robots.inertias import LinkWithoutInertia
+from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

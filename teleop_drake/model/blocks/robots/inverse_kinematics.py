@@ -8,10 +8,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import Solve
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.systems.plant_tree import SpatialJacobian
-from teleop_drake.laws.task_space import rotation_vector
-from teleop_drake.validation import Refuse
+from teleop_drake.loops.engine.plant_tree import SpatialJacobian
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.laws.task_space import rotation_vector
 
 TOOL = "tool"
 """Name of the frame whose origin is T, which touches the environment."""

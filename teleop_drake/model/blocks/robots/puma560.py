@@ -8,12 +8,12 @@ import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import ModelText, NewPlant
-from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
-from teleop_drake.blocks.robots.robot_diagram import JointDrive
-from teleop_drake.blocks.systems.joint_friction import JointFriction
-from teleop_drake.validation import Config, Number
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import Config, Number
+from teleop_drake.model.blocks.robots.base import ModelText, NewPlant
+from teleop_drake.model.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
+from teleop_drake.model.blocks.robots.robot_diagram import JointDrive
+from teleop_drake.model.blocks.systems.joint_friction import JointFriction
 
 # Coulomb friction at the motors while they turn forward and backward, N m: Corke and
 # Armstrong-Helouvry 1994, in the numbers of Corke's Robotics Toolbox. At the joints it

@@ -7,10 +7,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain, Saturation
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolRotation
-from teleop_drake.blocks.systems.tool_interface import ToolInterface
-from teleop_drake.wiring import Connections, Wire
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.wiring import Connections, Wire
+from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL, ToolRotation
+from teleop_drake.model.blocks.systems.tool_interface import ToolInterface
 
 
 @dataclass(kw_only=True)

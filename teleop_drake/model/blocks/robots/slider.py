@@ -2,14 +2,14 @@
 
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import Config, Number
+from teleop_drake.model.blocks.robots.base import (
     LoadModel,
     PlantRobotConfig,
     PointOf,
     ReadModel,
 )
-from teleop_drake.validation import Config, Number
 
 
 @Config

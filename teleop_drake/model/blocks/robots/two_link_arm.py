@@ -16,15 +16,15 @@ import math
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import (
+from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.validation import CheckChoice, Config, Number, Refuse
+from teleop_drake.model.blocks.robots.base import (
     LoadModel,
     PlantRobotConfig,
     PointOf,
     ReadModel,
 )
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL
-from teleop_drake.validation import CheckChoice, Config, Number, Refuse
+from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL
 
 # Sign of q2, the bend of the elbow. If the tool is on the positive x axis, `down` puts
 # the elbow at y < 0.

@@ -6,10 +6,15 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import LinearSystem, PassThrough, Saturation
 
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.actuators import delivered_force
-from teleop_drake.validation import CheckNumber, Config, FixedFields, Number
-from teleop_drake.wiring import Connections, Wire
+from teleop_drake.loops.framework.validation import (
+    CheckNumber,
+    Config,
+    FixedFields,
+    Number,
+)
+from teleop_drake.loops.framework.wiring import Connections, Wire
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.model.laws.actuators import delivered_force
 
 
 @Config

@@ -4,10 +4,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.kernel import FixedBlock, Kernel, Term
-from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
-from teleop_drake.validation import CheckChoice, Range, Refuse
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import CheckChoice, Range, Refuse
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Term
+from teleop_drake.model.laws.tracking import coupled_disturbance, linear_disturbance
 
 _LAWS: dict[str, Term] = {
     "linear": (linear_disturbance, "gain", "tool_position"),

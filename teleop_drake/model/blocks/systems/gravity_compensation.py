@@ -2,9 +2,9 @@
 
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.task_space import gravity_torque
+from teleop_drake.loops.engine.plant_tree import ReadPlantTree
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.model.laws.task_space import gravity_torque
 
 
 class GravityCompensation(FixedBlock):

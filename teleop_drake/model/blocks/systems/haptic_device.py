@@ -6,10 +6,16 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.validation import Config, FixedFields, Number, Refuse, Within
-from teleop_drake.wiring import Wire
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import (
+    Config,
+    FixedFields,
+    Number,
+    Refuse,
+    Within,
+)
+from teleop_drake.loops.framework.wiring import Wire
+from teleop_drake.loops.numerics.transfer_function import realize_transfer_function
 
 
 @Config

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.kernel import FixedBlock, Kernel, Term
-from teleop_drake.laws.actuators import friction_torque
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import CheckNumber, Refuse
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Term
+from teleop_drake.model.laws.actuators import friction_torque
 
 
 class JointFriction(FixedBlock):

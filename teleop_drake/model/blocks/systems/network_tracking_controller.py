@@ -3,10 +3,11 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.blocks.robot_tool import ReadTool
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.gaussian_network import GaussianNetwork, basis_functions
-from teleop_drake.laws.tracking import (
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.model.blocks.robot_tool import ReadTool
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork, basis_functions
+from teleop_drake.model.laws.tracking import (
     TrackingGains,
     disturbance_estimate,
     task_dynamics,
@@ -14,7 +15,6 @@ from teleop_drake.laws.tracking import (
     tracking_force,
     weights_rate,
 )
-from teleop_drake.validation import Refuse
 
 _DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
@@ -26,7 +26,7 @@ class NetworkTrackingController(FixedBlock):
         F_c   = W Phi + C_r v + G_r + M_r (r_d'' - Lambda (v - r_d') - G1 s)    (3.18)
         dW/dt = beta (-M_r^-T s Phi^T - nu W)                             (3.19, 3.27)
 
-    The law itself is `teleop_drake.laws.tracking`, which also explains why the sign of
+    The law itself is `laws.tracking`, which also explains why the sign of
     dW/dt differs from the printed one. The controller has a model of the robot, but not
     of the disturbance: M_r, C_r and G_r are those of `plant` at the given joint state.
     The network's input is the tool's position.

@@ -3,12 +3,12 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.robot_tool import ReadTool
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.task_space import PostureGains, hold_torque, place_tool
-from teleop_drake.numerics.rigid_body import calc_motion
-from teleop_drake.validation import CheckVector, Refuse
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import CheckVector, Refuse
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.loops.numerics.rigid_body import calc_motion
+from teleop_drake.model.blocks.robot_tool import ReadTool
+from teleop_drake.model.laws.task_space import PostureGains, hold_torque, place_tool
 
 
 class PostureHold(FixedBlock):

@@ -5,9 +5,15 @@ from dataclasses import field
 
 import numpy as np
 
-from teleop_drake.kernel import FixedBlock, Kernel, Transition
-from teleop_drake.laws.actuators import next_sample
-from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Refuse
+from teleop_drake.loops.framework.validation import (
+    CheckNumber,
+    Config,
+    FixedFields,
+    Number,
+    Refuse,
+)
+from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.model.laws.actuators import next_sample
 
 SHORTEST_PERIOD = 1e-6
 """Shortest sample period in s. No step of a simulation is longer than the period."""

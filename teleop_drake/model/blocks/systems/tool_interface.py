@@ -3,16 +3,16 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.robot_tool import ReadTool
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.task_space import (
+from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.kernel import FixedBlock, Kernel
+from teleop_drake.model.blocks.robot_tool import ReadTool
+from teleop_drake.model.laws.task_space import (
     Tool,
     joint_torques,
     tool_acceleration,
     tool_kinematics,
 )
-from teleop_drake.validation import Refuse
 
 
 class ToolInterface(FixedBlock):

@@ -1,5 +1,5 @@
 """The scene: a teleoperation in three dimensions, in Meshcat."""
 
-from teleop_drake.figures.scene.replay import MakeReplay, Replay
+from teleop_drake.study.figures.scene.replay import MakeReplay, Replay
 
 __all__ = ["MakeReplay", "Replay"]

@@ -1,7 +1,7 @@
 """Page that plays recorded runs in three dimensions.
 
 The runs stand one below the other and are played at the same time. Their signals are
-shown by the living diagram; see teleop_drake.page.
+shown by the living diagram; see teleop_drake.loops.page.
 """
 
 import html
@@ -13,19 +13,19 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from teleop_drake.blocks.environments import CONTACT, PUNCTURE
-from teleop_drake.figures.scene.scene import (
+from teleop_drake.loops.draw.style import GREY, RunColor
+from teleop_drake.loops.framework.files import WriteText
+from teleop_drake.loops.framework.validation import CheckKind
+from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.blocks.environments import CONTACT, PUNCTURE
+from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
+from teleop_drake.study.figures.scene.scene import (
     FORCE_COLOR,
     GHOST_OPACITY,
     AnimateRuns,
     FindOperator,
     LooksOf,
 )
-from teleop_drake.figures.style import GREY, RunColor
-from teleop_drake.files import WriteText
-from teleop_drake.recording import Recording
-from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
-from teleop_drake.validation import CheckKind
 
 # Slow motion begins _SLOW_BEFORE s before a puncture or a contact, and ends _SLOW_AFTER
 # s after the operator feels it. Only the first events of a kind are slowed down.

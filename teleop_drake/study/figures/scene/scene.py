@@ -18,12 +18,17 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments import CONTACT, FindSurface, ShownNormal, Surface
-from teleop_drake.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
-from teleop_drake.figures.selection import CheckRecordings
-from teleop_drake.figures.style import GREY, RunColor
-from teleop_drake.task_recording import TaskRecording
+from teleop_drake.loops.draw.style import GREY, RunColor
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.blocks.environments import (
+    CONTACT,
+    FindSurface,
+    ShownNormal,
+    Surface,
+)
+from teleop_drake.model.task_recording import TaskRecording
+from teleop_drake.study.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
+from teleop_drake.study.figures.selection import CheckRecordings
 
 ROOT = "/teleop"
 """Path of all drawings of the package, in metres and the robot's world frame."""

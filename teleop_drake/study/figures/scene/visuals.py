@@ -10,10 +10,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.optimize import least_squares
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
-from teleop_drake.blocks.robots.base import TellingShapes
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.blocks.robots import PlantRobotConfig, RobotConfig
+from teleop_drake.model.blocks.robots.base import TellingShapes
+from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 
 # Radius of the sticks that replace links without shapes, as a share of the longest.
 _STICK = 0.015

@@ -19,10 +19,10 @@ The search is differential evolution from a Sobol' sequence (scipy), on logarith
 ranges where these are positive. Gains are rounded to four digits.
 """
 
-from teleop_drake.sweep.tuning.plan import STIFFNESS_LOSS, PlanTuning, TuningPlan
-from teleop_drake.sweep.tuning.result import TuningResult
-from teleop_drake.sweep.tuning.search import RunTuning, Tune
-from teleop_drake.sweep.tuning.trials import Trial
+from teleop_drake.study.sweep.tuning.plan import STIFFNESS_LOSS, PlanTuning, TuningPlan
+from teleop_drake.study.sweep.tuning.result import TuningResult
+from teleop_drake.study.sweep.tuning.search import RunTuning, Tune
+from teleop_drake.study.sweep.tuning.trials import Trial
 
 __all__ = [
     "STIFFNESS_LOSS",

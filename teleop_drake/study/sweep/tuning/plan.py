@@ -7,16 +7,16 @@ from operator import attrgetter
 
 import numpy as np
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.analysis.transparency import FeltStiffnessLoss
-from teleop_drake.arrays import Array, Interval
-from teleop_drake.scenario import AnyScenario, AsTeleoperation, Scenario
-from teleop_drake.stations import ResolveController
-from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.study import Study
-from teleop_drake.sweep.values import GivenGrid
-from teleop_drake.tasks.metrics import MetricUnits
-from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
+from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.framework.validation import CheckChoice, CheckNumber, Refuse
+from teleop_drake.model.scenario import AnyScenario, AsTeleoperation, Scenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.metrics import MetricUnits
+from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.analysis.transparency import FeltStiffnessLoss
+from teleop_drake.study.sweep.plan import PlanSweep, SweepPlan
+from teleop_drake.study.sweep.study import Study
+from teleop_drake.study.sweep.values import GivenGrid
 
 Gains = dict[str, float]
 """Values of the gains by their paths."""

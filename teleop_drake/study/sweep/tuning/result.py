@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Record
-from teleop_drake.files import WriteText
-from teleop_drake.scenario.yaml_text import DumpYaml
-from teleop_drake.sweep.folder import WriteCsv
-from teleop_drake.sweep.tuning.plan import TuningPlan
-from teleop_drake.sweep.tuning.trials import Trial
+from teleop_drake.loops.framework.arrays import Array, Record
+from teleop_drake.loops.framework.files import WriteText
+from teleop_drake.model.scenario.yaml_text import DumpYaml
+from teleop_drake.study.sweep.folder import WriteCsv
+from teleop_drake.study.sweep.tuning.plan import TuningPlan
+from teleop_drake.study.sweep.tuning.trials import Trial
 
 
 @dataclass(kw_only=True)

@@ -10,23 +10,23 @@ import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from teleop_drake.arrays import Array
-from teleop_drake.scenario.loading import CheckScenarioLike
-from teleop_drake.scenario.overrides import Overrides
-from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.run import HERE, Execution, RunSweeps
-from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
-from teleop_drake.sweep.tuning.plan import Gains, PlanTuning, TuningPlan
-from teleop_drake.sweep.tuning.result import TuningResult
-from teleop_drake.sweep.tuning.trials import (
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.scenario.loading import CheckScenarioLike
+from teleop_drake.model.scenario.overrides import Overrides
+from teleop_drake.study.sweep.plan import PlanSweep, SweepPlan
+from teleop_drake.study.sweep.run import HERE, Execution, RunSweeps
+from teleop_drake.study.sweep.study import IsStudy, LoadStudy, Study
+from teleop_drake.study.sweep.tuning.plan import Gains, PlanTuning, TuningPlan
+from teleop_drake.study.sweep.tuning.result import TuningResult
+from teleop_drake.study.sweep.tuning.trials import (
     FindFront,
     FindReference,
     Trial,
     TrialsOf,
     WithGains,
 )
-from teleop_drake.sweep.values import File, GivenGrid, Notice, Progress
-from teleop_drake.validation import Refuse
+from teleop_drake.study.sweep.values import File, GivenGrid, Notice, Progress
 
 # The weight of one score relative to the others, in a goal of a Pareto front.
 _EMPHASIS = 5.0

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.sweep.result import SweepError
-from teleop_drake.sweep.task_result import TaskSweepResult
-from teleop_drake.sweep.tuning.plan import STIFFNESS_LOSS, Gains, TuningPlan
-from teleop_drake.tasks.metrics import MetricUnits
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.model.tasks.metrics import MetricUnits
+from teleop_drake.study.sweep.plan import SweepPlan
+from teleop_drake.study.sweep.result import SweepError
+from teleop_drake.study.sweep.task_result import TaskSweepResult
+from teleop_drake.study.sweep.tuning.plan import STIFFNESS_LOSS, Gains, TuningPlan
 
 # Gains whose scores differ by less than this factor count as one member of a front.
 _EQUAL = 1.02

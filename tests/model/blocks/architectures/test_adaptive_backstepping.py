@@ -5,25 +5,25 @@ import pytest
 from block_checks import Block, Feedthrough, Gains, RandomInputs, backstepping_rate
 
 from teleop_drake import MakePage
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.architectures.adaptive_backstepping import (
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
     MAX_BASIS_FUNCTIONS,
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
     BacksteppingParameters,
     NetworkConfig,
 )
-from teleop_drake.laws.backstepping import (
+from teleop_drake.model.laws.backstepping import (
     BacksteppingState,
     auxiliary_error,
     damped_force_error,
     pack_state,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks.metrics import RunSummary
-from teleop_drake.validation import ScenarioError
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork, gaussian_functions
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks.metrics import RunSummary
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 
 def Network(n):

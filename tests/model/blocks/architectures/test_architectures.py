@@ -9,20 +9,20 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from runs import Run
 
-from teleop_drake.blocks.architectures import Architecture
-from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.figures.runs import PlotRun
-from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import (
+from teleop_drake.model.blocks.architectures import Architecture
+from teleop_drake.model.blocks.architectures.direct_force import DirectForce
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario, ScenarioError
+from teleop_drake.model.stations import (
     MakeArchitecture,
     MakeMasterStation,
     MakeSlaveStation,
     ResolveController,
 )
-from teleop_drake.task_recording import LoadRecording
-from teleop_drake.tasks.metrics import RunMetrics, RunSummary
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.figures.runs import PlotRun
 
 
 def PlainMasterSide(n):

@@ -2,11 +2,13 @@
 
 from block_checks import Feedthrough
 
-from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.blocks.architectures.base import (
+from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+)
+from teleop_drake.model.blocks.architectures.base import (
     MakeSlaveStation,
 )
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.scenario import LoadScenario
 
 
 def test_telemetry_leaves_the_station_by_its_name():

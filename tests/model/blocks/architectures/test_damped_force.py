@@ -7,16 +7,16 @@ from block_checks import AssertFeedthroughIsReal, Block, RandomInputs
 from runs import Run
 from scipy.optimize import brentq
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.architectures.damped_force import (
+from teleop_drake.model.blocks.architectures.damped_force import (
     DampedForce,
     DampedForceConfig,
 )
-from teleop_drake.blocks.architectures.local_damper import AGAINST
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.blocks.architectures.local_damper import AGAINST
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 DAMPER = "controller.damped_force"
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from block_checks import Block, Feedthrough, RandomInputs
 
-from teleop_drake.blocks.architectures.base import LAW_INPUTS
-from teleop_drake.blocks.architectures.direct_force import (
+from teleop_drake.model.blocks.architectures.base import LAW_INPUTS
+from teleop_drake.model.blocks.architectures.direct_force import (
     DirectForce,
     DirectForceConfig,
 )
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.scenario import LoadScenario
 
 
 def test_the_force_acts_as_it_arrives():

@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.transport import TransportChannelConfig
-from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.loops.delays.transport import TransportChannelConfig
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.model.scenario import LoadScenario
 
 UNTOLD = dict.fromkeys(
     ("inertia", "robot_damping", "environment_stiffness", "environment_damping")

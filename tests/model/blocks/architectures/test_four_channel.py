@@ -5,15 +5,15 @@ import pytest
 from block_checks import AssertFeedthroughIsReal, Block, RandomInputs
 from phasors import FeltImpedance
 
-from teleop_drake.blocks.architectures.four_channel import (
+from teleop_drake.model.blocks.architectures.four_channel import (
     FourChannelConfig,
     FourChannelMaster,
     FourChannelSlave,
     LocalController,
 )
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeArchitecture, ResolveController
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import MakeArchitecture, ResolveController
 
 KIND = "four_channel"
 VARIANTS = ("four_channel", "position_position", "position_force", "force_force")

@@ -7,15 +7,18 @@ import pytest
 from block_checks import AssertFeedthroughIsReal
 from grids import Slow
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.blocks.architectures import ARCHITECTURE_KINDS
-from teleop_drake.blocks.architectures.local_damper import AGAINST, LocalDamperConfig
-from teleop_drake.laws.two_port import llewellyn
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeArchitecture
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.blocks.architectures import ARCHITECTURE_KINDS
+from teleop_drake.model.blocks.architectures.local_damper import (
+    AGAINST,
+    LocalDamperConfig,
+)
+from teleop_drake.model.laws.two_port import llewellyn
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.stations import MakeArchitecture
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoints
 
 K_HAND, RAIL = 2.0, 0.1  # H(s) = K/s + ... in N/m, friction of the slider in N s/m
 T_F, T_R = 0.05, 0.3

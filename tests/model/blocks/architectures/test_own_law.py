@@ -9,14 +9,14 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
 from teleop_drake import MakePage
-from teleop_drake.blocks.architectures import ARCHITECTURE_KINDS, ARCHITECTURES
-from teleop_drake.blocks.architectures.damped_force import DampedForce
-from teleop_drake.blocks.architectures.own_law import FunctionLaw
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
-from teleop_drake.scenario.loading import ScenarioFromYaml
-from teleop_drake.simulation import simulate
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.model.blocks.architectures import ARCHITECTURE_KINDS, ARCHITECTURES
+from teleop_drake.model.blocks.architectures.damped_force import DampedForce
+from teleop_drake.model.blocks.architectures.own_law import FunctionLaw
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError, ScenarioToYaml
+from teleop_drake.model.scenario.loading import ScenarioFromYaml
+from teleop_drake.model.teleoperator import MakeTeleoperator
 
 SHORT = {"duration": 0.5}
 

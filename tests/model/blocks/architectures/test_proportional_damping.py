@@ -8,15 +8,15 @@ from block_checks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInpu
 from grids import Slow
 from runs import TASKS
 
-from teleop_drake.blocks.architectures.proportional_damping import (
+from teleop_drake.model.blocks.architectures.proportional_damping import (
     ProportionalDampingConfig,
     ProportionalMaster,
     ProportionalSlave,
 )
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 KIND = "proportional_damping"
 M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.0])

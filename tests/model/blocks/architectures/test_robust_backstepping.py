@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from kernel_checks import CheckKernel
 
-from teleop_drake.blocks.architectures.robust_backstepping import RobustBackstepping
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.stations import MakeArchitecture
+from teleop_drake.model.blocks.architectures.robust_backstepping import (
+    RobustBackstepping,
+)
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.stations import MakeArchitecture
 
 
 def Load(name="two_dof_combined", **changes):

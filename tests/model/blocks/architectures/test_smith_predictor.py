@@ -9,14 +9,14 @@ from phasors import FeltImpedance, Response
 from pydrake.systems.analysis import Simulator
 from runs import Run
 
-from teleop_drake.blocks.architectures.smith_predictor import (
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.model.blocks.architectures.smith_predictor import (
     SmithPredictorConfig,
     SmithPredictorMaster,
 )
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeArchitecture, ResolveController
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import MakeArchitecture, ResolveController
 
 KIND = "smith_predictor"
 M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.1])

@@ -9,14 +9,14 @@ from energies import ChannelEnergy
 from grids import Slow
 from runs import Run
 
-from teleop_drake.blocks.architectures.time_domain_passivity import (
+from teleop_drake.model.blocks.architectures.time_domain_passivity import (
     PassivityMaster,
     PassivitySlave,
     TimeDomainPassivityConfig,
 )
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import ResolveController
 
 KIND = "time_domain_passivity"
 LOOSE = "simulator.accuracy=1e-6"

@@ -11,15 +11,15 @@ from grids import Slow
 from runs import TASKS
 from scipy.linalg import sqrtm
 
-from teleop_drake.blocks.architectures.wave_variables import (
+from teleop_drake.model.blocks.architectures.wave_variables import (
     WaveMaster,
     WaveSlave,
     WaveVariablesConfig,
 )
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import ResolveController
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.stations import ResolveController
+from teleop_drake.model.tasks.metrics import RunMetrics
 
 b, D = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.1])
 CONFIG = WaveVariablesConfig(

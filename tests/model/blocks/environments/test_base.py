@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.environments import EnvironmentConfig, Surface
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.simulation.scenario_run import WhyNotCompiled
-from teleop_drake.task_recording import LoadRecording
-from teleop_drake.tasks.metrics import RunMetrics
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.model.blocks.environments import EnvironmentConfig, Surface
+from teleop_drake.model.run.scenario_run import WhyNotCompiled
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.task_recording import LoadRecording
+from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 DIAGRAMS = Path(__file__).parents[4] / "diagrams"
 sys.path.append(str(DIAGRAMS))

@@ -19,14 +19,14 @@ from pydrake.systems.primitives import (
 )
 from sources import Step
 
-from teleop_drake.blocks.environments.layered_force_field import (
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.environments.layered_force_field import (
     LayeredForceField,
     LayersEnvironmentConfig,
     layer_at,
     outside,
 )
-from teleop_drake.scenario import LayerConfig, LoadScenario
-from teleop_drake.validation import ScenarioError
+from teleop_drake.model.scenario import LayerConfig, LoadScenario
 
 
 def Layers():

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from teleop_drake.blocks.environments.base import StackSlopes, StiffnessAndDamping
-from teleop_drake.blocks.environments.surface import (
+from teleop_drake.loops.framework.surface import (
     FindSurface,
     LastPassed,
     Material,
@@ -19,6 +18,7 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     SurfacesOf,
 )
+from teleop_drake.model.blocks.environments.base import StackSlopes, StiffnessAndDamping
 
 
 def Matter(name, stiffness, damping, relaxed):

@@ -7,16 +7,16 @@ import pytest
 from block_checks import Block
 from kernel_checks import CheckKernel
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.environments.wall import (
+from teleop_drake.model.blocks.environments.wall import (
     FrictionWallConfig,
     HuntCrossleyConfig,
     StandardLinearSolidConfig,
 )
-from teleop_drake.blocks.robots import FactsOfRobot
-from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.blocks.robots import FactsOfRobot
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 KINDS = {
     "hunt_crossley": "stiffness: 2000, damping: 1.5",

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from teleop_drake.analysis.loop import Linearizer
-from teleop_drake.analysis.operating_point import OperatingPoints
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
+from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.analysis.loop import Linearizer
+from teleop_drake.study.analysis.operating_point import OperatingPoints
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 DELAY, REACTION, LAG = 0.1, 0.15, 0.1
 

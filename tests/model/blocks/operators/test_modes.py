@@ -5,17 +5,17 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder
 
-from teleop_drake.blocks.environments import CONTACT, Surface
-from teleop_drake.blocks.operators import OPERATOR_KINDS
-from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.scenario import (
+from teleop_drake.model.blocks.environments import CONTACT, Surface
+from teleop_drake.model.blocks.operators import OPERATOR_KINDS
+from teleop_drake.model.blocks.operators.hand import HandOperator
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import (
     LoadScenario,
     ScenarioError,
     ScenarioFromYaml,
     ScenarioToYaml,
 )
-from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeMasterStation
+from teleop_drake.model.stations import MakeMasterStation
 
 SURFACE = Surface(CONTACT, [0.55, 0.0], [1.0, 0.0])
 

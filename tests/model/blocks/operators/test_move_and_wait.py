@@ -17,8 +17,8 @@ from teleop_drake import (
     TransportDelay,
     simulate,
 )
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.scenario import ScenarioError
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.scenario import ScenarioError
 
 START = np.array([0.2, 0.1])
 WAY = np.array([0.3, -0.4])

@@ -12,24 +12,24 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
 )
 
-from teleop_drake.blocks.channels.sampled import SampledDelay
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.blocks.operators.planned import (
+from teleop_drake.loops.delays.sampled import SampledDelay
+from teleop_drake.loops.numerics.piecewise_polynomial import (
+    differentiate_pieces,
+    evaluate_pieces,
+    largest_norm,
+)
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.operators import ConstantVelocityOperator
+from teleop_drake.model.blocks.operators.planned import (
     MinimumJerkConfig,
     PlannedOperator,
     PlanOfPieces,
     SineConfig,
     TrapezoidConfig,
 )
-from teleop_drake.numerics.piecewise_polynomial import (
-    differentiate_pieces,
-    evaluate_pieces,
-    largest_norm,
-)
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.tasks import TaskOf
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tasks import TaskOf
 
 
 class Bench:

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from teleop_drake import simulate
-from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
+from teleop_drake.model.scenario import LoadScenario, ScenarioError, ScenarioToYaml
 
 
 def test_a_file_beside_the_scenario(tmp_path):

@@ -11,16 +11,16 @@ from pydrake.geometry import Mesh, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 
-from teleop_drake.blocks.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
-from teleop_drake.blocks.robots import __file__ as robots_file
-from teleop_drake.blocks.robots.base import TellingShapes
-from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
-from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.cli import main
-from teleop_drake.scenario import LoadScenario
-from teleop_drake.simulation import simulate
-from teleop_drake.task_recording import LoadRecording
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
+from teleop_drake.model.blocks.robots import __file__ as robots_file
+from teleop_drake.model.blocks.robots.base import TellingShapes
+from teleop_drake.model.blocks.robots.inertias import LinkWithoutInertia
+from teleop_drake.model.blocks.robots.inverse_kinematics import ToolJacobian
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.task_recording import LoadRecording
 
 DIAGRAMS = Path(__file__).parents[4] / "diagrams"
 URDF, TASK = DIAGRAMS / "own_arm.urdf", str(DIAGRAMS / "own_arm.yaml")
@@ -301,6 +301,6 @@ def test_fewer_axes_than_joints(capsys):
     ]
     assert main(["run", TASK, *options, *SHORT, "--json", "-"]) == 0
     assert len(json.loads(capsys.readouterr().out)["final"]["position"]) == 2
-    # Against a closed form: tests/analysis/test_linearization.py.
+    # Against a closed form: tests/study/analysis/test_linearization.py.
     assert main(["analyze", TASK, *options, *SHORT]) == 0
     assert "stable" in capsys.readouterr().out

@@ -11,8 +11,9 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.primitives import PassThrough
 
-from teleop_drake.blocks.robots import ROBOT_KINDS, ArmConfig, MakeRobot
-from teleop_drake.blocks.robots.base import (
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import ROBOT_KINDS, ArmConfig, MakeRobot
+from teleop_drake.model.blocks.robots.base import (
     LoadModel,
     NewPlant,
     PlantRobotConfig,
@@ -20,8 +21,7 @@ from teleop_drake.blocks.robots.base import (
     ReadModel,
     RobotConfig,
 )
-from teleop_drake.blocks.robots.driven_arm import DrivenArmConfig
-from teleop_drake.validation import ScenarioError
+from teleop_drake.model.blocks.robots.driven_arm import DrivenArmConfig
 
 FILE = str(Path(__file__).parents[4] / "diagrams" / "own_arm.urdf")
 

@@ -14,14 +14,14 @@ from pydrake.multibody.tree import (
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
-from teleop_drake.blocks.robots import (
+from teleop_drake.model.blocks.robots import (
     FactsOfConfig,
     FactsOfRobot,
     MakeRobotDiagram,
     SliderConfig,
     TwoLinkArmConfig,
 )
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.scenario import LoadScenario
 
 
 def test_slider():

@@ -4,12 +4,12 @@ import appendix_a
 import numpy as np
 import pytest
 
-from teleop_drake.blocks.robots.base import LoadModel, ReadModel
-from teleop_drake.blocks.robots.inverse_kinematics import (
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots.base import LoadModel, ReadModel
+from teleop_drake.model.blocks.robots.inverse_kinematics import (
     SolveInverseKinematics,
     ToolJacobian,
 )
-from teleop_drake.validation import ScenarioError
 
 
 @pytest.fixture(scope="module")

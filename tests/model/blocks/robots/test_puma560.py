@@ -6,8 +6,8 @@ import standard_dh
 from kernel_checks import CheckKernel
 from pydrake.multibody.tree import MultibodyForces
 
-from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import Puma560Config
 
 NOMINAL = [0.7963, -0.15, 0.6576]
 

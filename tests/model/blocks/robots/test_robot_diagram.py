@@ -1,6 +1,6 @@
 import pytest
 
-from teleop_drake.blocks.robots import SliderConfig, TwoLinkArmConfig
+from teleop_drake.model.blocks.robots import SliderConfig, TwoLinkArmConfig
 
 SLIDER = SliderConfig(start=[0.25])
 ARM = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down")

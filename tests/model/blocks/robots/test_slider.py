@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from forced_robot import context_with_forces
 
-from teleop_drake.blocks.robots import SliderConfig
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import SliderConfig
 
 
 def test_slider_has_the_dynamics_of_2_12():

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from teleop_drake.blocks.robots import TwoLinkArmConfig
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import TwoLinkArmConfig
 
 ARM = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down")
 

@@ -5,10 +5,14 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.systems.actuator import Actuator, ActuatorConfig, GearFriction
-from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.model.blocks.systems.actuator import (
+    Actuator,
+    ActuatorConfig,
+    GearFriction,
+)
+from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 
 @pytest.mark.parametrize(("command", "end"), [(0.3, 0.3), (-2.0, -0.5)])

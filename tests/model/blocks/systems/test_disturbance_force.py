@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from block_checks import Block, Feedthrough
 
-from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
+from teleop_drake.model.blocks.systems.disturbance_force import DisturbanceForce
 
 
 def test_force():

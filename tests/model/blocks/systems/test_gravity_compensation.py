@@ -4,8 +4,8 @@ import numpy as np
 from block_checks import Block
 from slopes import Slopes
 
-from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
+from teleop_drake.model.blocks.robots import Puma560Config
+from teleop_drake.model.blocks.systems.gravity_compensation import GravityCompensation
 
 
 def test_it_is_the_slope_of_the_potential_energy():

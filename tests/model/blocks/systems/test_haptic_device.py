@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from teleop_drake.blocks.systems.haptic_device import HapticDevice
+from teleop_drake.model.blocks.systems.haptic_device import HapticDevice
 
 THESIS = {"numerator": [25, 50], "denominator": [1, 25, 0]}
 

@@ -5,10 +5,10 @@ import pytest
 from block_checks import Block
 from kernel_checks import CheckKernel
 
-from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
-from teleop_drake.blocks.systems.joint_friction import JointFriction
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import Puma560Config
+from teleop_drake.model.blocks.robots.inverse_kinematics import ToolJacobian
+from teleop_drake.model.blocks.systems.joint_friction import JointFriction
 
 
 def test_fast_joints_feel_their_own_friction():

@@ -6,12 +6,12 @@ import pytest
 from block_checks import Block, Feedthrough, RandomInputs
 from slopes import Slopes
 
-from teleop_drake.blocks.robots import TwoLinkArmConfig
-from teleop_drake.blocks.systems.network_tracking_controller import (
+from teleop_drake.model.blocks.robots import TwoLinkArmConfig
+from teleop_drake.model.blocks.systems.network_tracking_controller import (
     NetworkTrackingController,
 )
-from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.laws.tracking import TrackingGains
+from teleop_drake.model.laws.gaussian_network import GaussianNetwork
+from teleop_drake.model.laws.tracking import TrackingGains
 
 NETWORK = GaussianNetwork(lower=[-1, -1], upper=[1, 1], count=[4, 5], width=1.0)
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from slopes import Slopes
 
-from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.blocks.robots.inverse_kinematics import ToolRotation
-from teleop_drake.blocks.systems.posture_hold import PostureHold
-from teleop_drake.laws.task_space import PostureGains, orientation_error
-from teleop_drake.validation import ScenarioError
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.blocks.robots import Puma560Config
+from teleop_drake.model.blocks.robots.inverse_kinematics import ToolRotation
+from teleop_drake.model.blocks.systems.posture_hold import PostureHold
+from teleop_drake.model.laws.task_space import PostureGains, orientation_error
 
 START = np.array([0.6, -0.15, 0.4])
 

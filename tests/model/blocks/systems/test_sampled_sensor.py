@@ -7,10 +7,10 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Sine, VectorLogSink
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.scenario import CheckSteps, LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
+from teleop_drake.model.blocks.systems.sampled_sensor import SampledSensor
+from teleop_drake.model.run.simulate import simulate
+from teleop_drake.model.scenario import CheckSteps, LoadScenario, ScenarioError
+from teleop_drake.study.analysis.stability import AnalyzeStability
 
 
 def Samples(sensor, end):

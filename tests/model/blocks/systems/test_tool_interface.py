@@ -16,8 +16,8 @@ from pydrake.multibody.tree import (
 from pydrake.systems.primitives import FirstOrderTaylorApproximation
 from slopes import Slopes
 
-from teleop_drake.blocks.systems.tool_interface import ToolInterface
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.blocks.systems.tool_interface import ToolInterface
+from teleop_drake.model.scenario import LoadScenario
 
 LENGTHS = [0.5, 0.4, 0.3]
 INERTIA = SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1)

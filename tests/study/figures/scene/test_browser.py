@@ -6,7 +6,7 @@ from browsers import MakePictures
 from PIL import Image
 from scene_recordings import MakeRecording
 
-from teleop_drake.figures.scene import MakeReplay
+from teleop_drake.study.figures.scene import MakeReplay
 
 # The page is opened once for all that is asked of it.
 pytestmark = pytest.mark.xdist_group("browser")

@@ -8,8 +8,8 @@ import pytest
 from pydrake.geometry import Meshcat
 from scene_recordings import MakeRecording
 
-from teleop_drake.figures.scene import MakeReplay
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.figures.scene import MakeReplay
 
 
 def Panel(replay):

@@ -9,12 +9,12 @@ import pytest
 from own_kinds import PuckConfig
 from scene_recordings import RETURN_DELAY, SPEED, MakeRecording
 
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.robots import ArmConfig
-from teleop_drake.figures.scene import scene
-from teleop_drake.figures.scene.scene import FRAMES_PER_SECOND, AnimateRuns
-from teleop_drake.figures.scene.visuals import RobotVisuals
-from teleop_drake.scenario import LoadScenario
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.robots import ArmConfig
+from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.study.figures.scene import scene
+from teleop_drake.study.figures.scene.scene import FRAMES_PER_SECOND, AnimateRuns
+from teleop_drake.study.figures.scene.visuals import RobotVisuals
 
 
 def Drawn(monkeypatch, *recordings):

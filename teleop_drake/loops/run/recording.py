@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices, Record
-from teleop_drake.files import Replacing
-from teleop_drake.numerics.step_polynomials import (
+from teleop_drake.loops.framework.arrays import Array, Indices, Record
+from teleop_drake.loops.framework.files import Replacing
+from teleop_drake.loops.framework.validation import CheckKind, Choices, Show
+from teleop_drake.loops.numerics.step_polynomials import (
     interpolate,
     part,
     straight_steps,
 )
-from teleop_drake.validation import CheckKind, Choices, Show
 
 if TYPE_CHECKING:
     import pandas
 
-    from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
+    from teleop_drake.loops.delays.packet_statistics import PacketStatistics
 
 _R = TypeVar("_R", bound="Recording")
 
@@ -316,7 +316,7 @@ class Recording:
         solver = SolverStatistics(**description["solver"])
         channels = {}
         if description["channels"]:
-            from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
+            from teleop_drake.loops.delays.packet_statistics import PacketStatistics
 
             channels = {
                 name: PacketStatistics(**statistics)

@@ -19,12 +19,12 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import ConstantVectorSource
 
-from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.constants import ConstantsOf
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.signals import CheckSystem, IsPlant, PathsIn
-from teleop_drake.validation import Choices, GainMatrix, Range, Refuse
+from teleop_drake.loops.engine.constants import ConstantsOf
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.signals import CheckSystem, IsPlant, PathsIn
+from teleop_drake.loops.framework.validation import Choices, GainMatrix, Range, Refuse
+from teleop_drake.loops.kernel import KernelBlock
 
 _FIXED = (
     "left to Compile(...).Run() or to a page: Drake keeps it as a constant of the "

@@ -1,0 +1,1 @@
+"""Any Diagram of Drake's, with exact delays."""

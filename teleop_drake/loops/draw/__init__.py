@@ -1,0 +1,1 @@
+"""Pictures of Diagrams and of models between ports."""

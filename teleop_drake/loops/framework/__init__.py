@@ -1,0 +1,1 @@
+"""What all rooms share: numbers, names, Contexts, recordings and checks."""

@@ -1,0 +1,1 @@
+"""The loop of the thesis: its laws, blocks, scenarios and tasks."""

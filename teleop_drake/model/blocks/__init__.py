@@ -1,0 +1,1 @@
+"""The kinds of blocks of a teleoperation loop: a folder for each seam."""

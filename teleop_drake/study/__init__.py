@@ -1,0 +1,1 @@
+"""What is done with runs: sweeps, analyses, figures and links."""

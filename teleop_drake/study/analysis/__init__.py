@@ -1,0 +1,1 @@
+"""Analysis of a scenario's loop: its stability, its energy and what is felt."""
