@@ -10,9 +10,9 @@ import re
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any
-
 
 _PACKAGE = Path(__file__).parents[1]
 _DOCS = _PACKAGE / "docs"
@@ -150,7 +150,7 @@ class Site:
             here=name,
             up="../" * name.count("/"),
             groups=self._Groups(),
-            version=teleop_drake.__version__,
+            version=metadata.version("teleop-drake"),
         )
         path.write_text(text, encoding="utf-8")
 

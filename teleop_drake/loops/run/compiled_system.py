@@ -28,6 +28,30 @@ _HAS_CONSTANTS = (
 )
 
 
+def Compile(
+    system: System,
+    *,
+    duration: float | None,
+    context: Context | None = None,
+    simulator: SimulatorConfig | None = None,
+    signals: Signals | None = None,
+    suppress_initialization_events: bool = False,
+) -> "CompiledSystem":
+    """Compiles a System for many runs that differ in their numbers.
+
+    The arguments and the errors are those of teleop_drake.Compile(), which takes
+    scenarios as well.
+    """
+    return CompiledSystem(
+        system,
+        context,
+        duration,
+        simulator,
+        signals,
+        suppress_initialization_events=suppress_initialization_events,
+    )
+
+
 class CompiledSystem:
     """A System as machine code; see Compile(). Threads may call Run() concurrently.
 

@@ -8,9 +8,9 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.loops.engine.flatten import UnreadableLeaf
 from teleop_drake.loops.engine.parameters import CheckNumbers
-from teleop_drake.loops.framework.signals import SelectSignals, Signals
+from teleop_drake.loops.framework.signals import CheckSystem, SelectSignals, Signals
 from teleop_drake.loops.framework.solver import DefaultSimulator
-from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.loops.framework.validation import CheckChoice, CheckNumber
 from teleop_drake.loops.numerics.step_polynomials import finite_part
 from teleop_drake.loops.run.bends import Kinked, NotesOnBends
 from teleop_drake.loops.run.inputs import CheckContext, CheckInputs
@@ -30,18 +30,24 @@ _NO_FINAL_CONTEXT = (
 )
 
 
-def SimulateSystem(
+def simulate(
     system: System,
     *,
     duration: float | None,
-    context: Context | None,
-    simulator: SimulatorConfig | None,
-    progress: Callable[[float], None] | None,
-    engine: str,
-    signals: Signals | None,
-    suppress_initialization_events: bool,
+    context: Context | None = None,
+    simulator: SimulatorConfig | None = None,
+    progress: Callable[[float], None] | None = None,
+    engine: str = "auto",
+    signals: Signals | None = None,
+    suppress_initialization_events: bool = False,
 ) -> Recording:
-    """Simulates a System; see simulate(), which describes the arguments."""
+    """Simulates any System of Drake's, with exact delays, and records its signals.
+
+    The arguments, the recording and the errors are those of teleop_drake.simulate(),
+    which takes scenarios as well.
+    """
+    CheckChoice("engine", engine, ENGINES)
+    CheckSystem("system", system)
     job = MakeJob(
         system,
         context,

@@ -67,14 +67,14 @@ def Compile(
             such a scenario in Drake.
     """
     if isinstance(scenario, System):
-        from teleop_drake.loops.run.compiled_system import CompiledSystem
+        from teleop_drake.loops.run import compiled_system
 
-        return CompiledSystem(
+        return compiled_system.Compile(
             scenario,
-            context,
-            duration,
-            simulator,
-            signals,
+            context=context,
+            duration=duration,
+            simulator=simulator,
+            signals=signals,
             suppress_initialization_events=suppress_initialization_events,
         )
     RefuseGiven(

@@ -8,8 +8,8 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.loops.framework.signals import Signals
 from teleop_drake.loops.framework.validation import CheckChoice, RefuseGiven
+from teleop_drake.loops.run import system_run
 from teleop_drake.loops.run.recording import Recording
-from teleop_drake.loops.run.system_run import ENGINES, SimulateSystem
 
 if TYPE_CHECKING:
     from teleop_drake.model.scenario import ScenarioLike
@@ -170,11 +170,11 @@ def simulate(
         ValueError: If the teleoperator is not made for this scenario, if a signal is
             not finite at the start, or if there is no such engine.
     """
-    CheckChoice("engine", engine, ENGINES)
+    CheckChoice("engine", engine, system_run.ENGINES)
     if isinstance(scenario, System):
         allowed = "left out where a System is simulated"
         RefuseGiven(allowed, teleoperator=teleoperator, task=task)
-        return SimulateSystem(
+        return system_run.simulate(
             scenario,
             duration=duration,
             context=context,
