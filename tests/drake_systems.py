@@ -62,7 +62,7 @@ from pydrake.systems.planar_scenegraph_visualizer import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake import TransportDelay
+from teleop_drake.loops import TransportDelay
 from teleop_drake.loops.framework.wiring import InputPorts
 
 DELAY = 0.2

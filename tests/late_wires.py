@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 
-from teleop_drake import TransportDelay, simulate
+from teleop_drake.loops import TransportDelay, simulate
 
 # A run decides if the deviations at its end and in its middle differ by this factor. It
 # becomes twice as long until it does.

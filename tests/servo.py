@@ -5,7 +5,7 @@ from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
-from teleop_drake import TransportDelay
+from teleop_drake.loops import TransportDelay
 
 
 def Servo(late=0.0):

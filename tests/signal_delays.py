@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import brentq
 
-from teleop_drake import VariableDelay, VariableTransportDelay
+from teleop_drake.loops import VariableDelay, VariableTransportDelay
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 
 

@@ -22,7 +22,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from slopes import YES, Ports, Slopes
-from wasm_runs import AssertSame
+from wasm_scenarios import AssertSame
 
 import teleop_drake
 from teleop_drake import (

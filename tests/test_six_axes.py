@@ -3,8 +3,8 @@
 The loop by hand shares no code with the package: the arm is the model file in a
 MultibodyPlant, which tests/model/blocks/robots checks against textbook recursions, the
 rest numpy and scipy. The operator commands a constant twist, and delays go by the
-method of steps. The rate of the basis functions and the slopes of the tissue's energy are
-differences.
+method of steps. The rate of the basis functions and the slopes of the tissue's energy
+are differences.
 """
 
 import functools

@@ -1,7 +1,6 @@
 """A page's module run by wasmtime, as the page's own script runs it in a browser."""
 
 import base64
-import dataclasses
 import gzip
 import json
 import math
@@ -10,19 +9,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 import wasmtime
 
 from teleop_drake.loops.engine.advance import FULL
 from teleop_drake.loops.engine.problem import ROWS
 from teleop_drake.loops.numerics.instants import SAME
-from teleop_drake.loops.numerics.step_polynomials import DEGREE, interpolate, part
+from teleop_drake.loops.numerics.step_polynomials import DEGREE
 from teleop_drake.loops.page.model import Model
-from teleop_drake.loops.run.recording import Recording
-from teleop_drake.model.run.simulate import simulate
-from teleop_drake.model.tasks.metrics import RunMetrics
-from teleop_drake.study.page.scenario_model import ModelOf
-from teleop_drake.study.sweep import FlattenMetrics
 
 _ROOM = 30_000  # For rows, which all stay.
 
@@ -134,49 +127,6 @@ def RunModule(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     instance = Instance(model)
     assert instance.Run(*model.numbers["run"]) == 0
     return instance.Rows()
-
-
-def AssertSame(scenario, model=None, instants=1e-9):
-    """Compares jumps, metrics, and signals between the rows of both runs."""
-    model = model or ModelOf(scenario)
-    native, instance = simulate(scenario, engine="compiled"), Instance(model)
-    # At a bound the page's script ends a run; see test_page.py. The native run is cut
-    # within a step, so the module takes the same step, and is cut there.
-    end = native.time[-1]
-    instance.Run(*model.numbers["run"], enough=end)
-    times, signals, steps = instance.Rows()
-    times, signals, steps = part((times, {"rows": signals}, steps), 0.0, end)
-    rows = signals["rows"]
-    assert times[-1] == pytest.approx(native.time[-1], rel=0, abs=instants)
-    jumps, native_jumps = (t[1:][np.diff(t) == 0] for t in (times, native.time))
-    assert jumps == pytest.approx(native_jumps, rel=0, abs=instants)
-    ports, looked = model.Ports(), np.linspace(0.0, times[-1], 400)
-    signals = {}
-    for name, port in model.Signals().items():
-        begin, size, _ = ports[port]
-        signals[name] = rows[:, begin : begin + size]
-        signal = interpolate(times, signals[name], steps, looked)
-        reference = native.Interpolate(name, looked)
-        error = np.abs(signal - reference).max(initial=0.0)
-        assert error <= 1e-6 * max(np.ptp(native[name]), 1e-9), name
-    run = dataclasses.replace(native, time=times, steps=steps, signals=signals)
-    AssertSameMetrics(FlattenMetrics(RunMetrics(run)), native, 1e-6)
-    return native
-
-
-def AssertSameMetrics(found: dict[str, Any], native: Recording, accuracy: float):
-    """Compares metrics with those of a recording; what is None may be left out.
-
-    How a run ended is not among the metrics of a page.
-    """
-    metrics = FlattenMetrics(RunMetrics(native))
-    expected = {name: x for name, x in metrics.items() if x is not None}
-    ends = {"diverged", "diverged_at"}
-    known = {name: x for name, x in found.items() if x is not None}
-    assert known.keys() - ends == expected.keys() - ends
-    for name in known.keys() - ends:
-        value = pytest.approx(expected[name], rel=accuracy, abs=1e-12)
-        assert known[name] == value, (name, known[name], expected[name])
 
 
 def DataOf(html: str) -> dict[str, Any]:

@@ -1,11 +1,11 @@
 """Copies of published systems: drawn, run, compiled, a page, and times.
 
 `python tests/benchmarks/published_systems.py` prints a row for each system of
-tests/loops/foreign, or for those that are named. The last two columns say how many
+tests/foreign, or for those that are named. The last two columns say how many
 times as much processor time as a compiled run of 10 s Drake's Simulator takes: with its
 default settings, where the compiled run has the same accuracy, and with the same
-settings in both. They are ratios of medians of runs that take turns, to one significant digit.
-Compiling is not a part of it. A dash: Drake's run ends with an error.
+settings in both. They are ratios of medians of runs that take turns, to one significant
+digit. Compiling is not a part of it. A dash: Drake's run ends with an error.
 """
 
 import functools

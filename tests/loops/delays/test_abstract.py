@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import DiscreteTimeDelay, Integrator
 
-from teleop_drake import AbstractDelay, ScenarioError, TransportDelay, simulate
+from teleop_drake.loops import AbstractDelay, ScenarioError, TransportDelay, simulate
 
 DELAY = 0.25
 PERIOD = 0.1

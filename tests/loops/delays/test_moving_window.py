@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator, LinearSystem, Sine
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake import (
+from teleop_drake.loops import (
     LinearizePorts,
     MovingWindow,
     NamedParameters,

@@ -6,7 +6,7 @@ from engines import Compiled, InWebAssembly
 from pydrake.systems.analysis import SimulatorConfig
 from signal_delays import Conveyor, Entered, Loop, Roots, Source, Square, TimeDelay
 
-from teleop_drake import ScenarioError, VariableDelay, simulate
+from teleop_drake.loops import ScenarioError, VariableDelay, simulate
 from teleop_drake.loops.delays.conveyor import VariableTransportDelay
 
 ROOT_2 = np.sqrt(2.0)

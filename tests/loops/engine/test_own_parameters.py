@@ -8,7 +8,7 @@ from pydrake.systems.framework import (
     NumericParameterIndex,
 )
 
-from teleop_drake import simulate
+from teleop_drake.loops import simulate
 from teleop_drake.loops.engine.check import KernelDisagrees
 from teleop_drake.loops.kernel import Kernel
 

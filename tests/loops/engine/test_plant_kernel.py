@@ -20,11 +20,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, Sine
 
+from teleop_drake.loops import simulate
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.engine.plant_kernel import PlantKernel
 from teleop_drake.loops.engine.run import CompiledRun
-from teleop_drake.model.run.simulate import simulate
 
 
 def body(plant, name, instance):

@@ -8,9 +8,9 @@ from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
 
+from teleop_drake.loops import simulate
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
-from teleop_drake.model.run.simulate import simulate
 
 x = Variable("x")
 u = Variable("u")

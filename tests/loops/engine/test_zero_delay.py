@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake import TransportDelay
+from teleop_drake.loops import TransportDelay
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import AlgebraicLoop
 from teleop_drake.loops.engine.parameters import SetNumbers

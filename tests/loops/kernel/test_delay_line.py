@@ -17,7 +17,7 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 from sources import Step
 
-from teleop_drake import MakeSimulator, TransportDelay, simulate
+from teleop_drake.loops import MakeSimulator, TransportDelay, simulate
 from teleop_drake.loops.framework.solver import DefaultSimulator
 from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock
 

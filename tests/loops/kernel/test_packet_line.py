@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 
-from teleop_drake import NetworkDelay, simulate
+from teleop_drake.loops import NetworkDelay, simulate
 from teleop_drake.loops.delays.packet_network import PacketNetwork, Receiver
 from teleop_drake.loops.delays.variable import DelayProfile
 from teleop_drake.loops.numerics.pieces import Pieces

@@ -16,6 +16,7 @@ from pydrake.systems.primitives import (
 from scipy import signal
 from scipy.optimize import brentq
 
+from teleop_drake.loops import simulate
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.sampled import SampledDelay
@@ -23,7 +24,6 @@ from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.delays.variable import DelayProfile
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.linear.ports import DelayMargin, LinearizePorts
-from teleop_drake.model.run.simulate import simulate
 
 H = 0.05
 

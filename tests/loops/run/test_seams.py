@@ -6,14 +6,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator, Sine
 
-from teleop_drake import (
-    DelayProfile,
+from teleop_drake.loops import (
     MakeSimulator,
     SampledDelay,
     TransportDelay,
     VariableDelay,
     simulate,
 )
+from teleop_drake.loops.delays.variable import DelayProfile
 from teleop_drake.loops.framework.solver import DefaultSimulator
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.primitives import Sine
 
-from teleop_drake import Compile, ScenarioError, simulate
+from teleop_drake.loops import Compile, ScenarioError, simulate
 
 ENGINES = ["drake", "compiled"]
 

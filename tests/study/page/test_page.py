@@ -14,7 +14,8 @@ from foreign.test_leaves import wired
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
-from wasm_runs import AssertSameMetrics, RunModule
+from wasm_runs import RunModule
+from wasm_scenarios import AssertSameMetrics
 
 import teleop_drake
 from teleop_drake import MakePage, WritePage

@@ -5,7 +5,8 @@ import secrets
 
 import numpy as np
 import pytest
-from wasm_runs import AssertSame, DataOf
+from wasm_runs import DataOf
+from wasm_scenarios import AssertSame
 
 from teleop_drake.loops.jit import native
 from teleop_drake.loops.page.inputs import Change

@@ -13,7 +13,7 @@ from pydrake.systems.framework import LeafSystem, PortDataType, System
 from test_block_table import Scenes
 
 import teleop_drake.blocks
-from teleop_drake import simulate
+from teleop_drake.loops import simulate
 from teleop_drake.loops.framework.signals import VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts
 

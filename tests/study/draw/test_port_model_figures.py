@@ -7,7 +7,8 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, LinearSystem, ZeroOrderHold
 
-from teleop_drake import LinearizePorts, PlotBode, PlotNyquist, SaveFigure
+from teleop_drake import PlotBode, PlotNyquist, SaveFigure
+from teleop_drake.loops import LinearizePorts
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.model.scenario import ScenarioError
 

@@ -25,7 +25,7 @@ from pydrake.systems.primitives import (
     Sine,
 )
 
-from teleop_drake import Compile, NamedParameters, simulate
+from teleop_drake.loops import Compile, NamedParameters, simulate
 from teleop_drake.loops.engine.check import KernelDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnreadableLeaf

@@ -5,8 +5,8 @@ import struct
 import pytest
 from matplotlib.colors import to_hex
 
-from teleop_drake import Figure, Sweep
-from teleop_drake.loops.draw.style import COLORS
+from teleop_drake import Sweep
+from teleop_drake.loops.draw.style import COLORS, Figure
 from teleop_drake.study.figures.labels import ShortLabels
 
 

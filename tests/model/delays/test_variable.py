@@ -16,9 +16,9 @@ from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
 from sources import Step
 
+from teleop_drake.loops import simulate
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
-from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import ScenarioError
 
 # dT/dt is between -0.75 and 0.75; below -1 nothing changes.

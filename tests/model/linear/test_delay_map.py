@@ -23,12 +23,8 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake import (
-    DelayMargin,
-    LoadScenario,
-    MakeTeleoperator,
-    TransportDelay,
-)
+from teleop_drake import LoadScenario, MakeTeleoperator
+from teleop_drake.loops import DelayMargin, TransportDelay
 from teleop_drake.loops.kernel import Kernel
 from teleop_drake.loops.linear.cut_diagram import CutDiagram
 from teleop_drake.loops.linear.delay_map import DelayMap, DelayMargins

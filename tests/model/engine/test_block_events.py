@@ -27,12 +27,13 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
+from teleop_drake.loops import simulate
 from teleop_drake.loops.engine.block_events import CheckEvents
 from teleop_drake.loops.engine.block_kernels import KernelOf
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.kernel import Kernel, KernelBlock, Transition
 from teleop_drake.model.blocks.architectures import ControlLawConfig
-from teleop_drake.model.run.simulate import MakeDiagram, simulate
+from teleop_drake.model.run.simulate import MakeDiagram
 from teleop_drake.model.scenario import LoadScenario
 
 # In s and N.

@@ -9,12 +9,12 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
+from teleop_drake.loops import simulate
 from teleop_drake.loops.engine.check import CompareTransitions, KernelDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.kernel import Kernel, Transition
 from teleop_drake.model.blocks.environments import Surface
 from teleop_drake.model.blocks.operators import ConstantVelocityOperator
-from teleop_drake.model.run.simulate import simulate
 
 
 def taken(gain, offset, u):

@@ -14,7 +14,7 @@ from foreign.manipulation import MANIPULATION
 from foreign.underactuated import UNDERACTUATED
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
-from teleop_drake import WritePage
+from teleop_drake.loops import WritePage
 from teleop_drake.loops.draw.block_diagram import DiagramDot
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
@@ -24,7 +24,7 @@ SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]
 COMPILED = [system for system in SYSTEMS if system.compiles]
 OTHERS = [system for system in SYSTEMS if not system.compiles]
 
-TABLE = Path(__file__).parents[3] / "teleop_drake/docs/published_systems.md"
+TABLE = Path(__file__).parents[2] / "teleop_drake/docs/published_systems.md"
 
 # Not where discrete updates happen, s.
 TIMES = (0.0123, 0.317, 0.5432)

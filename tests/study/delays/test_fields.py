@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
+from teleop_drake.loops import Compile, simulate
 from teleop_drake.loops.framework.validation import ScenarioError
-from teleop_drake.model.run.compile import Compile
-from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
 from teleop_drake.study.analysis.stability import AnalyzeStability
 
