@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPTS = Path(__file__).parent / "page"
+SCRIPTS = Path(__file__).parent / "study/page"
 SIZE = 1280, 720
 
 

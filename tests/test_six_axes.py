@@ -43,7 +43,7 @@ from teleop_drake.study.analysis.loop import Linearizer
 from teleop_drake.study.analysis.operating_point import OperatingPoint
 from teleop_drake.study.analysis.stability import AnalyzeStability
 
-MODEL = Path(teleop_drake.__file__).parent / "models" / "puma560.sdf"
+MODEL = Path(teleop_drake.__file__).parent / "model/models" / "puma560.sdf"
 START, DELAY = [0.6, -0.15, 0.4, 0.3, -0.2, 0.25], 0.05
 TWIST = [0.08, 0.01, -0.02, 0.1, 0.25, -0.15]
 

@@ -31,7 +31,7 @@ from surfaces import Border
 import teleop_drake
 from teleop_drake.model.scenario import Scenario
 
-MODELS = Path(teleop_drake.__file__).parent / "models"
+MODELS = Path(teleop_drake.__file__).parent / "model/models"
 ELBOW = {"up": -1.0, "down": 1.0}
 
 

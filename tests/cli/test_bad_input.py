@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import teleop_drake.loops.framework.files
-import teleop_drake.loops.run
+import teleop_drake.model.run.simulate
 import teleop_drake.model.scenario
 from teleop_drake.cli import main
 from teleop_drake.model.scenario import (
@@ -27,7 +27,7 @@ from teleop_drake.model.scenario import (
     ScenarioToYaml,
 )
 
-SCENARIOS = Path(teleop_drake.__file__).parent / "scenarios"
+SCENARIOS = Path(teleop_drake.__file__).parent / "model/scenarios"
 
 
 def Paths(tree, prefix=""):
@@ -110,7 +110,7 @@ def RunMain(argv):
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
     ):
-        patch.setattr(teleop_drake.loops.run, "simulate", start)
+        patch.setattr(teleop_drake.model.run.simulate, "simulate", start)
         exit_code = main(argv)
     return exit_code, out.getvalue(), err.getvalue()
 

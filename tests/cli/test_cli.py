@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import teleop_drake
-import teleop_drake.loops.run
+import teleop_drake.model.run.simulate
 from teleop_drake.cli import main
 from teleop_drake.cli.main import MakeParser
 from teleop_drake.cli.options import ControllersOf
@@ -310,7 +310,7 @@ def interrupted(monkeypatch):
             recording, termination="interrupted", reason="interrupted by the user"
         )
 
-    monkeypatch.setattr(teleop_drake.loops.run, "simulate", interrupted_simulate)
+    monkeypatch.setattr(teleop_drake.model.run.simulate, "simulate", interrupted_simulate)
 
 
 @pytest.mark.slow
@@ -415,7 +415,7 @@ def test_an_interrupt_is_one_also_if_machine_code_made_another_error_of_it(
             raise KeyboardInterrupt
         raise error("initialization failed") from KeyboardInterrupt()
 
-    monkeypatch.setattr(teleop_drake.loops.run, "simulate", interrupt)
+    monkeypatch.setattr(teleop_drake.model.run.simulate, "simulate", interrupt)
     assert main(["run", "one_dof", "--json", "a.json"]) == 130
     assert capsys.readouterr().err == "teleop-drake: error: interrupted\n"
     assert os.listdir() == []
@@ -441,7 +441,7 @@ def no_simulation(monkeypatch):
     def fail(*args, **kwargs):
         pytest.fail("a simulation was started")
 
-    monkeypatch.setattr(teleop_drake.loops.run, "simulate", fail)
+    monkeypatch.setattr(teleop_drake.model.run.simulate, "simulate", fail)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-import teleop_drake.loops.run
+import teleop_drake.model.run.simulate
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.model.scenario import LoadScenario
 
@@ -28,7 +28,7 @@ def test_runs_and_sweeps(is_quiet, clock, monkeypatch, capsys):
             progress(simulated)
         raise Done
 
-    monkeypatch.setattr(teleop_drake.loops.run, "simulate", SlowSimulate)
+    monkeypatch.setattr(teleop_drake.model.run.simulate, "simulate", SlowSimulate)
     with pytest.raises(Exception, match="Done"):
         Simulate(LoadScenario("one_dof"), is_quiet, "auto")
     with SweepProgress(is_quiet) as show:

@@ -1,4 +1,4 @@
-"""What a run did, in words. The page's own words are compared in tests/page."""
+"""What a run did, in words. The page's own words are compared in tests/study/page."""
 
 import dataclasses
 

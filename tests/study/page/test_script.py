@@ -11,7 +11,7 @@ import pytest
 import teleop_drake
 from teleop_drake.loops.page.script import JoinModules
 
-MODULES = sorted(Path(teleop_drake.__file__).parent.joinpath("page/js").glob("*.js"))
+MODULES = sorted(Path(teleop_drake.__file__).parent.joinpath("loops/page/js").glob("*.js"))
 
 # The script of a page, and that of the report.
 MAINS = "main.js", "report.js"
@@ -66,13 +66,8 @@ def test_eslint_finds_nothing():
         pytest.skip("no eslint: `npm install --global eslint` brings one")
     root = Path(__file__).parents[3]
     config = "tests/study/page/eslint.config.mjs"
-    command = [
-        "eslint",
-        "--config",
-        config,
-        "teleop_drake/loops/page/js",
-        "tests/study/page",
-    ]
+    scripts = ["teleop_drake/loops/page/js", "tests/study/page"]
+    command = ["eslint", "--config", config, *scripts]
     done = subprocess.run(
         command, cwd=root, capture_output=True, check=False, text=True
     )
