@@ -308,8 +308,10 @@ def Wrong():
     return found
 
 
-def Check(name, columns, tmp_path, capsys):
-    lines = [f"# reference: {name}", ",".join(columns)]
+def Check(name, columns, tmp_path, capsys, step=None):
+    lines = [f"# reference: {name}"]
+    lines += [f"# step: {step}"] * (step is not None)
+    lines += [",".join(columns)]
     rows = zip(*columns.values(), strict=True)
     lines += [",".join(f"{x:.12g}" for x in row) for row in rows]
     path = tmp_path / "own.csv"
@@ -327,14 +329,129 @@ def Texts():
 def test_a_fault_is_named(name, signal, fault, tmp_path, capsys):
     wrong = ReadTable(FOLDER / "faults" / f"{name}.csv").columns[f"{signal}:{fault}"]
     columns = Columns(name) | {signal: wrong}
-    code, (printed, _) = Check(name, columns, tmp_path, capsys)
+    # In some loops only the step tells Euler's method from a longer delay.
+    step = 0.001 if fault.endswith("euler") else None
+    code, (printed, _) = Check(name, columns, tmp_path, capsys, step)
     assert code == 1
-    text = Texts()[fault].format(seconds="0.001", steps="0.1", direction="longer")
-    assert f"{signal} is {text}" in printed
+    assert f"{signal} is {Named(fault)}" in printed
+
+
+def Named(fault, seconds="0.001", direction="longer"):
+    """Returns a fault in words; its size is that of the files unless given."""
+    fault, _, order = fault.partition(":")
+    steps = f"{float(seconds) / 0.01:.2g}"
+    return Texts()[fault].format(
+        seconds=seconds, steps=steps, direction=direction, order=order
+    )
 
 
 def test_each_fault_that_is_written_is_described_and_used():
-    assert {fault for *_, fault in Wrong()} == set(Texts())
+    assert {fault.partition(":")[0] for *_, fault in Wrong()} == set(Texts())
+    half = {name for name, _, fault in Wrong() if fault == "half_delay"}
+    assert half == set(tasks.TASKS)
+
+
+# Small integrators that commit one fault each.
+
+
+def EulerScalar(k, T, h, times):
+    """x' = -k x(t - T), x = 1 before, by Euler's explicit method."""
+    x = [1.0]
+    for n in range(round(times[-1] / h)):
+        late = n - round(T / h)
+        x.append(x[n] - h * k * (x[late] if late > 0 else 1.0))
+    return np.array(x)[np.round(times / h).astype(int)]
+
+
+def EulerMass(h, times, *, is_semi_implicit):
+    """x_sensor of delay_pd by the explicit or the semi-implicit Euler method."""
+    late = round(0.1 / h)
+    x, v = np.zeros((2, round(times[-1] / h) + 1))
+    for n in range(len(x) - 1):
+        i = n - late
+        v[n + 1] = v[n] + h * (4 - (4 * x[i] + 2 * v[i] if i >= 0 else 0.0))
+        x[n + 1] = x[n] + h * (v[n + 1] if is_semi_implicit else v[n])
+    return x[np.round(times / h).astype(int)]
+
+
+@pytest.mark.parametrize("h", [0.002, 0.0005])
+@pytest.mark.parametrize(
+    ("name", "signal", "fault"),
+    [
+        ("delay_decay", "x", "explicit_euler"),
+        ("delay_pd", "x_sensor", "explicit_euler"),
+        ("delay_pd", "x_sensor", "semi_implicit_euler"),
+    ],
+)
+def test_the_method_of_euler_is_named_with_its_step(
+    name, signal, fault, h, tmp_path, capsys
+):
+    times = Columns(name)["time"]
+    if name == "delay_decay":
+        wrong = EulerScalar(1.0, 1.0, h, times)
+    else:
+        wrong = EulerMass(h, times, is_semi_implicit=fault.startswith("semi"))
+    columns = Columns(name) | {signal: wrong}
+    stated = Check(name, columns, tmp_path, capsys, step=h)[1].out
+    assert f"{signal} is {Named(fault, f'{h:g}')}" in stated
+    untold = Check(name, columns, tmp_path, capsys)[1].out
+    # x' = -x(t - 1) is by Euler's method what it is with a delay h/2 longer.
+    right = (
+        Named(fault, f"{h:g}")
+        if name == "delay_pd"
+        else Named("delay_error", f"{h / 2:g}")
+    )
+    assert f"{signal} is {right}" in untold
+
+
+def test_a_step_that_does_not_fit_is_no_excuse(tmp_path, capsys):
+    columns = Columns("delay_decay") | {
+        "x": EulerScalar(1.0, 1.0, 0.002, Columns("delay_decay")["time"])
+    }
+    printed = Check("delay_decay", columns, tmp_path, capsys, step=0.0005)[1].out
+    assert f"x is {Named('delay_error', '0.001')}" in printed
+    code, (_, error) = Check("delay_decay", columns, tmp_path, capsys, step="h")
+    assert (code, "# step: h: must be > 0 (s)" in error) == (2, True)
+
+
+def test_a_delay_by_pade_is_named(tmp_path, capsys):
+    """Of order 2: y'' + 6 y'/T + 12 y/T^2 = u'' - 6 u'/T + 12 u/T^2."""
+    T = 0.1
+    times = Columns("delay_echo")["time"]
+
+    def rate(t, z):
+        return [z[1], t - 12 / T**2 * z[0] - 6 / T * z[1]]
+
+    z = solve_ivp(rate, (0, times[-1]), [0, 0], t_eval=times, rtol=1e-10, atol=1e-13).y
+    ramp = times - 12 / T * z[1]
+    columns = Columns("delay_echo") | {"ramp_echo": ramp}
+    printed = Check("delay_echo", columns, tmp_path, capsys)[1].out
+    assert f"ramp_echo is {Named('pade:2')}" in printed
+
+
+@pytest.mark.parametrize("name", ["delay_packets", "delay_stale_command"])
+def test_packets_that_travel_for_half_of_their_time_are_named(name, tmp_path, capsys):
+    times = Columns(name)["time"]
+    shown = []
+    for t in times + 1e-9:
+        sent = [k for k in range(int(t / 0.02) + 1) if Arrival(name, k) <= t]
+        newest = max(sent, default=None)
+        if name == "delay_packets":
+            shown.append(0 if newest is None else min(newest, 25) + 1)
+        else:
+            is_fresh = newest is not None and t < Arrival(name, newest) + 0.1
+            shown.append(1 + newest % 3 if is_fresh else 0)
+    signal = "shown" if name == "delay_packets" else "command"
+    columns = Columns(name) | {signal: np.array(shown, float)}
+    printed = Check(name, columns, tmp_path, capsys)[1].out
+    assert f"{signal} is {Named('half_delay')}" in printed
+
+
+def Arrival(name, k):
+    """Returns when packet k arrives if it travels for half of its time, s."""
+    if name == "delay_packets":
+        return 0.02 * k + (0.015 + 0.02 * (7 * k % 5)) / 2 if k < 26 else math.inf
+    return math.inf if 10 <= k < 25 else 0.02 * k + 0.0275
 
 
 # Simulators. Those that have to be installed for it are measured by the benchmark.

@@ -310,7 +310,9 @@ def interrupted(monkeypatch):
             recording, termination="interrupted", reason="interrupted by the user"
         )
 
-    monkeypatch.setattr(teleop_drake.model.run.simulate, "simulate", interrupted_simulate)
+    monkeypatch.setattr(
+        teleop_drake.model.run.simulate, "simulate", interrupted_simulate
+    )
 
 
 @pytest.mark.slow

@@ -247,7 +247,9 @@ def test_a_difference_in_words(ours, difference):
 
 def test_as_many_fields_are_fitted_as_the_rows_say(rows):
     file = (
-        resources.files("teleop_drake") / "model/scenarios" / "network_tracking_linear.yaml"
+        resources.files("teleop_drake")
+        / "model/scenarios"
+        / "network_tracking_linear.yaml"
     )
     assert file.read_text("utf-8").count(" fitted") == 8
     assert "Eight fields" in rows["3-I-max-x"].reason

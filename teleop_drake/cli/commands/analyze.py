@@ -12,6 +12,7 @@ from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
 from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.numerics.margins import remedy_words
 
 if TYPE_CHECKING:
     from teleop_drake.study.analysis.point_stability import PointStability
@@ -84,6 +85,7 @@ _UNITS = {
     "phase_margin": "rad",
     "gain_crossovers": "rad/s",
     "unresolved_below": "rad/s",
+    "stable_gains": "1",
     "rightmost_root": "1/s",
     "slave_root": "1/s",
     "hidden_modes": "1/s",
@@ -274,8 +276,8 @@ def _AbsoluteStability(points: "Sequence[Transparency]") -> str:
 def _Verdict(loops: "Sequence[PointStability]") -> list[str]:
     """Returns sentences on the stability of the loop.
 
-    They state where and why it fails first as the delay grows, and how it moves at the
-    scenario's delay.
+    They state where and why it fails first as the delay grows, how it moves at the
+    scenario's delay, and what would stabilise it.
     """
     text = []
     failing = [loop.label for loop in loops if not _StartsStable(loop)]
@@ -302,6 +304,9 @@ def _Verdict(loops: "Sequence[PointStability]") -> list[str]:
             if not _IsOnAxis(root):
                 change = f"doubles every {math.log(2) / root.real:.3g} s"
             text.append(f"At {loop.delay:g} s, in {loop.label}, {motion} {change}.")
+        delays = loop.stable_delays[:_MAX_INTERVALS]
+        remedy = remedy_words(loop.stable_gains, delays, "round-trip delay")
+        text.append(f"In {loop.label}: {remedy}.")
     return text
 
 

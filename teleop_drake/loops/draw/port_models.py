@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -27,11 +28,14 @@ from teleop_drake.loops.framework.arrays import Array, ComplexArray
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.linear.port_model import PortModel
 from teleop_drake.loops.linear.sampled_model import SampledModel
-from teleop_drake.loops.numerics.delayed_loop import Margins
+from teleop_drake.loops.numerics.margins import Margins
 
 Model = PortModel | SampledModel
 
 _HEIGHT = 3.8  # inches
+
+# The letters in a line of the legend.
+_NUM_LETTERS = 60
 
 # Decades that are shown below the slowest and above the fastest margin.
 _BELOW = 1.5
@@ -171,7 +175,8 @@ def _Read(model: Model) -> tuple[list[_Place], list[Artist]]:
         return [], []
     margins = model.margins()
     if not margins.is_stable:
-        return [], [Key("the closed loop is unstable: no margins", linestyle="")]
+        words = f"the closed loop is unstable; {margins.remedy}"
+        return [], [Key(textwrap.fill(words, _NUM_LETTERS), linestyle="")]
     places = _Places(model, margins)
     lines: list[Artist] = [
         Key(place.label, **place.look, linestyle="") for place in places

@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.loops.framework.arrays import Array, ComplexArray
 from teleop_drake.loops.framework.validation import Refuse
-from teleop_drake.loops.numerics.delayed_loop import Margins, margins_of
+from teleop_drake.loops.numerics.delayed_loop import margins_of
+from teleop_drake.loops.numerics.margins import Margins
 from teleop_drake.loops.numerics.state_space import StateSpace
 
 # The frequencies of a Bode diagram per decade, and the factor by which they extend
@@ -135,8 +136,12 @@ class PortModel(StateSpace):
             magnitude = 20 * np.log10(size)
         return BodeDiagram(w, magnitude, np.degrees(phase))
 
-    def margins(self) -> Margins:
+    def margins(self, *, remedies: bool = True) -> Margins:
         """Returns the margins of the loop, for all signals of the port alike.
+
+        Args:
+            remedies: Whether to search for the gains and the additional delays that
+                stabilise an unstable loop.
 
         Raises:
             ValueError: If the model is not that of a loop.
@@ -144,7 +149,7 @@ class PortModel(StateSpace):
         if not self.is_loop:
             allowed = "a loop, LinearizePorts(diagram, context, port, is_opened=True)"
             Refuse("model", repr(self), allowed)
-        return margins_of(self)
+        return margins_of(self, remedies=remedies)
 
     def to_control(self, order: int = 5) -> Any:
         """Returns the model from u to y as a control.StateSpace of python-control.

@@ -184,7 +184,7 @@ def DelayMargin(
     model = LinearizePorts(
         diagram, context, port, is_opened=True, is_settled=True, is_moving=is_moving
     )
-    return model.margins().delay
+    return model.margins(remedies=False).delay
 
 
 def CheckPoint(diagram: Any, context: Any) -> None:

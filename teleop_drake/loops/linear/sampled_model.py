@@ -15,7 +15,7 @@ from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.kernel.linear_part import Sampling
 from teleop_drake.loops.linear.cut_diagram import Cut, HeldStates, States
 from teleop_drake.loops.linear.port_model import BodeDiagram, ImportControl
-from teleop_drake.loops.numerics.delayed_loop import Margins
+from teleop_drake.loops.numerics.margins import Margins
 from teleop_drake.loops.numerics.sample_schedule import Clock, common_period
 from teleop_drake.loops.numerics.sampled_loop import SampledLoop, lift
 from teleop_drake.loops.numerics.sampled_margins import sampled_margins
@@ -64,17 +64,20 @@ class SampledModel:
         """The common period of all updates in s."""
         return common_period(self.loop.clocks)
 
-    def margins(self) -> Margins:
+    def margins(self, *, remedies: bool = True) -> Margins:
         """Returns the margins of the loop, for all signals of the port alike.
 
         The additional delay is a continuous one. It is searched up to 40 of the
         shortest period; infinity: there is no limit up to there.
 
+        Args:
+            remedies: As in PortModel.margins().
+
         Raises:
             ContinuousDelayLoop: If a delay is in a loop without a hold.
             ScenarioError: If the periods are not commensurate.
         """
-        return sampled_margins(self.loop)
+        return sampled_margins(self.loop, remedies=remedies)
 
     def Response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns L(exp(j w h)) with the sample period h (M, p, p).

@@ -40,7 +40,7 @@ from functools import partial
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.framework.arrays import Array, Indices, Interval
 from teleop_drake.loops.numerics.crossings import (
     AXIS_TOLERANCE,
     Crossing,
@@ -118,7 +118,22 @@ def unstable_roots(
         Delays (K) in s, ascending from 0, and the number of unstable roots from each
         delay to the next one (K); the last number holds up to max_delay.
     """
-    count = _unstable_without_delay(loop, slow)
+    return count_roots(_unstable_without_delay(loop, slow), max_delay, crossings)
+
+
+def count_roots(
+    count: int, max_delay: float, crossings: list[Crossing]
+) -> tuple[Array, Indices]:
+    """Returns the number of unstable roots as a function of the delay.
+
+    Args:
+        count: The number without delay, not counting roots on the axis.
+        max_delay: The largest delay in s.
+        crossings: The crossings to be counted.
+
+    Returns:
+        As unstable_roots().
+    """
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
         # A real root passes once, a pair at every delay of (2).
@@ -160,7 +175,7 @@ def stable_delays(
     max_delay: float,
     crossings: list[Crossing],
     slow: float = 0.0,
-) -> list[tuple[float, float]]:
+) -> list[Interval]:
     """Returns all intervals of delays in s in which the loop is stable.
 
     There all roots except the neutral ones lie left of the imaginary axis.
@@ -175,6 +190,19 @@ def stable_delays(
     if not is_delay_robust(loop):
         return []
     delays, counts = unstable_roots(loop, max_delay, crossings, slow)
+    return intervals_without_roots(delays, counts, max_delay)
+
+
+def intervals_without_roots(
+    delays: Array, counts: Indices, max_delay: float
+) -> list[Interval]:
+    """Returns the intervals of delays in s in which no root is unstable.
+
+    Args:
+        delays: See unstable_roots().
+        counts: See unstable_roots().
+        max_delay: The end of the last interval in s.
+    """
     ends = np.append(delays[1:], max_delay)
     lasts = ends > delays
     is_stable = counts[lasts] == 0

@@ -12,15 +12,18 @@ root reaches the imaginary axis first
 * as T grows from 0: where an eigenvalue l(j w) of L(j w) has the magnitude 1, see
   delay_margin;
 * as k moves away from 1: where an eigenvalue is real and negative, and k = -1/l.
+
+If it is unstable, the same crossings bound all intervals of T or of k in which it is
+stable. Between two of them the number of unstable roots is constant.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Flags, Interval
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.loops.numerics.crossings import (
     Crossing,
@@ -30,6 +33,11 @@ from teleop_drake.loops.numerics.crossings import (
     locate,
     sweep_frequencies,
 )
+from teleop_drake.loops.numerics.delay_margin import (
+    count_roots,
+    intervals_without_roots,
+)
+from teleop_drake.loops.numerics.margins import LARGEST_GAIN, Margins
 from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
 
 # A root slower than this, relative to the norm of A, counts as at 0.
@@ -62,49 +70,41 @@ _REAL = 1e-6
 # eigenvalue from one such frequency to another if its limit at 0 is finite.
 _NEARLY = 1e-3
 
-
-@dataclass(frozen=True, kw_only=True)
-class Margins:
-    """The stability margins of a loop at a cut, for all signals of the cut alike.
-
-    Attributes:
-        is_stable: Whether the loop is stable without additional delay, phase or gain;
-            neutral roots at 0 are allowed. If it is unstable, the margins are 0, and 1
-            for the gain.
-        delay: The smallest additional delay in s that makes the loop unstable; infinity
-            if the loop is stable with every delay.
-        frequency: The frequency of the oscillation at this delay, rad/s; 0 if no delay
-            makes the loop unstable.
-        phase: The smallest additional phase in rad, of either sign, that makes the loop
-            unstable; infinity if the loop is stable with every phase.
-        gain: The limits of the additional gain, one below and one above 1, between
-            which the loop is stable; 0 and infinity if there is no limit from 1/100 to
-            100.
-    """
-
-    is_stable: bool
-    delay: float = 0.0
-    frequency: float = 0.0
-    phase: float = 0.0
-    gain: tuple[float, float] = (1.0, 1.0)
+# The smallest and the largest number of rightmost roots among which the unstable ones
+# are counted, and the largest number of crossings that are counted as the delay grows.
+_FEWEST_ROOTS = 16
+_MOST_ROOTS = 256
+_MOST_CHANGES = 1000
 
 
-def margins_of(loop: StateSpace) -> Margins:
+def margins_of(loop: StateSpace, *, remedies: bool = True) -> Margins:
     """Returns the stability margins of a loop at a cut.
 
     Args:
         loop: L, from u to y of the same size, with its inner delays T_i > 0.
+        remedies: Whether to search for what stabilises an unstable loop.
     """
     loop, hidden = without_hidden_modes(loop)
-    m = loop.num_open[0]
-    closed = (-loop).closed(np.arange(m))
+    closed = changed(loop)
     slow = slowest_resolved(closed)
+    at_once = gain_at_once(loop.D, (-1.0,) * loop.num_open[0] + loop.delays)
     # The rightmost roots decide the stability.
     roots = np.append(hidden, characteristic_roots(closed))
-    if np.any(roots.real > slow) or gain_at_once(closed.D, closed.delays) >= 1:
-        return Margins(is_stable=False)
-    grid = _sweep(loop)
+    is_stable = not np.any(roots.real > slow)
+    is_stable &= gain_at_once(closed.D, closed.delays) < 1
+    # No change at the cut stabilises a hidden mode.
+    if not is_stable and (not remedies or np.any(hidden.real > slow)):
+        return Margins(is_stable=False, gain_at_once=at_once)
+    grid = loop_frequencies(loop)
     crossings = crossings_between(loop, grid)
+    if not is_stable:
+        delays = _stable_delays(loop, crossings, slow) if at_once < 1 else []
+        return Margins(
+            is_stable=False,
+            stable_gains=tuple(stable_gains(loop, grid, slow)),
+            stable_delays=tuple(delays),
+            gain_at_once=at_once,
+        )
     bounds = [crossing for crossing in crossings if crossing.direction > 0]
     bounds.append(_at_zero_frequency(loop, np.abs(roots), slow))
     first = min(bounds, key=lambda crossing: crossing.delay)
@@ -115,7 +115,142 @@ def margins_of(loop: StateSpace) -> Margins:
         frequency=first.frequency,
         phase=min((min(x, 2 * math.pi - x) for x in lags), default=math.inf),
         gain=_gains_between(loop, grid),
+        gain_at_once=at_once,
     )
+
+
+def changed(loop: StateSpace, *, gain: float = 1.0, delay: float = 0.0) -> StateSpace:
+    """Returns the loop that u(t) = -k y(t - T) closes.
+
+    Args:
+        loop: L.
+        gain: k.
+        delay: T in s, >= 0.
+    """
+    m = loop.num_open[0]
+    matrix = loop.matrix.copy()
+    matrix[:, loop.num_states :][:, :m] *= -gain
+    result = replace(loop, matrix=matrix)
+    if delay == 0:
+        return result.closed(np.arange(m))
+    return replace(result, delays=(delay,) * m + loop.delays)
+
+
+def _is_stable(closed: StateSpace, slow: float) -> bool:
+    """Returns whether a closed loop has no root right of the imaginary axis.
+
+    Args:
+        closed: The loop, all of whose signals are delayed.
+        slow: The magnitude in 1/s up to which a root counts as at 0.
+    """
+    if gain_at_once(closed.D, closed.delays) >= 1:
+        return False
+    return not np.any(_is_right(characteristic_roots(closed), slow))
+
+
+def _is_right(roots: ComplexArray, slow: float) -> Flags:
+    """Returns whether roots are right of the imaginary axis, and not at 0."""
+    return (roots.real > _NEUTRAL * np.abs(roots)) & (np.abs(roots) > slow)
+
+
+def stable_gains(loop: StateSpace, grid: Array, slow: float) -> list[Interval]:
+    """Returns the intervals of k in which the loop is stable; see Margins.
+
+    Args:
+        loop: L.
+        grid: As for _gains_between().
+        slow: See _is_stable().
+    """
+    values, falls = _real_loci(loop, grid)
+    positive = _stable_sizes(loop, 1 / values, falls, slow)
+    if positive:
+        return positive
+    negative = _stable_sizes(-loop, -1 / values, -falls, slow)
+    return [(-high, -low) for low, high in negative]
+
+
+def _stable_sizes(
+    loop: StateSpace, gains: Array, changes: Array, slow: float
+) -> list[Interval]:
+    """Returns the intervals of k > 0 in which the loop is stable.
+
+    Args:
+        loop: L.
+        gains: All gains at which a root is on the axis (K).
+        changes: 1 where a pair of roots then moves to the right as k grows, -1 where
+            it moves to the left, 0 where a real root is at 0 (K).
+        slow: See _is_stable().
+    """
+    inside = (gains > 1 / LARGEST_GAIN) & (gains < LARGEST_GAIN)
+    order = np.argsort(gains[inside])
+    ends = [0.0, *gains[inside][order].tolist(), math.inf]
+    # The number of unstable roots in an interval is at least that at k = 1, changed by
+    # the pairs in between, less a root for each that passes 0.
+    pairs = np.append(0, np.cumsum(2 * changes[inside][order]))
+    singles = np.append(0, np.cumsum(changes[inside][order] == 0))
+    here = int(np.searchsorted(ends, 1.0)) - 1
+    closed = changed(loop)
+    least = pairs - pairs[here] - np.abs(singles - singles[here])
+    if gain_at_once(closed.D, closed.delays) < 1:
+        least = least + _num_unstable(closed, slow)
+    else:
+        # There are infinitely many unstable roots at k = 1.
+        least = np.zeros(len(pairs))
+    found = []
+    for k in np.flatnonzero(least <= 0).tolist():
+        low, high = ends[k : k + 2]
+        middle = math.sqrt(max(low, 1 / LARGEST_GAIN) * min(high, LARGEST_GAIN))
+        if _is_stable(changed(loop, gain=middle), slow):
+            found.append((low, high))
+    return found
+
+
+def _stable_delays(
+    loop: StateSpace, crossings: list[Crossing], slow: float
+) -> list[Interval]:
+    """Returns the intervals of T > 0 in which an unstable loop is stable.
+
+    Not found are those that begin where a real root passes through a neutral one.
+
+    Args:
+        loop: L, with gain_at_once() < 1.
+        crossings: All crossings of the unit circle.
+        slow: See _is_stable().
+    """
+    rates = [x.frequency / (2 * math.pi) for x in crossings]
+    growth = sum(x.direction * r for x, r in zip(crossings, rates, strict=True))
+    if all(x.direction > 0 for x in crossings):
+        return []
+    # In the mean the number of unstable roots grows by twice `growth` in a second, and
+    # differs from that by at most two for each crossing.
+    longest = _MOST_CHANGES / sum(rates)
+    if growth > 0:
+        longest = min(longest, len(crossings) / growth)
+    delays, counts = count_roots(_num_unstable(changed(loop), slow), longest, crossings)
+    found = intervals_without_roots(delays, counts, longest)
+    return [
+        window
+        for window in found
+        if _is_stable(changed(loop, delay=sum(window) / 2), slow)
+    ]
+
+
+def _num_unstable(closed: StateSpace, slow: float) -> int:
+    """Returns the number of roots right of the imaginary axis.
+
+    Of infinitely many it returns some.
+
+    Args:
+        closed: See _is_stable().
+        slow: See _is_stable().
+    """
+    count = _FEWEST_ROOTS
+    while True:
+        roots = characteristic_roots(closed, count=count)
+        number = int(np.sum(_is_right(roots, slow)))
+        if number < count or count > _MOST_ROOTS:
+            return number
+        count *= 2
 
 
 def slowest_resolved(closed: StateSpace) -> float:
@@ -224,7 +359,7 @@ def gain_at_once(direct: Array, times: Sequence[float]) -> float:
     return largest
 
 
-def _sweep(loop: StateSpace) -> Array:
+def loop_frequencies(loop: StateSpace) -> Array:
     """Returns ascending frequencies in rad/s that resolve the features of L(j w)."""
     # With the cut open, the delayed signals still form loops, whose modes are peaks.
     rest = np.arange(loop.num_open[0], len(loop.D))
@@ -242,7 +377,7 @@ def _sweep(loop: StateSpace) -> Array:
     return np.array(sorted({*grid, *even}))
 
 
-def _gains_between(loop: StateSpace, grid: Array) -> tuple[float, float]:
+def _gains_between(loop: StateSpace, grid: Array) -> Interval:
     """Returns the gains next to 1, below and above, at which a root is on the axis.
 
     Without such a gain the result is 0 or infinity.
@@ -251,27 +386,44 @@ def _gains_between(loop: StateSpace, grid: Array) -> tuple[float, float]:
         loop: L.
         grid: Ascending frequencies in rad/s, from far below the slowest mode.
     """
-    # The signal that comes back; its positive eigenvalues p belong to k = 1/p.
+    values, _ = _real_loci(loop, grid)
+    gains = 1 / values[values > 0]
+    below = gains[gains < 1].max(initial=0.0)
+    return float(below), float(gains[gains > 1].min(initial=math.inf))
+
+
+def _real_loci(loop: StateSpace, grid: Array) -> tuple[Array, Array]:
+    """Returns the real values 1/k of the loci at all gains k with a root on the axis.
+
+    Args:
+        loop: L.
+        grid: As for _gains_between().
+
+    Returns:
+        1/k (K), and 1 where a pair of roots then moves to the right as k grows, -1
+        where it moves to the left, 0 where a real root is at 0 (K).
+    """
+    # The signal that comes back; its real eigenvalues p belong to k = 1/p.
     system = -loop
-    # At the frequency 0 a locus ends on the real axis or at infinity. Finite, positive
-    # ends belong to roots at 0.
+    # At the frequency 0 a locus ends on the real axis or at infinity. Finite ends other
+    # than 0 belong to roots at 0.
     at_zero, slow = eigenloci(system, grid[0] * np.array([0.1, 1.0]))
-    is_real = np.abs(at_zero.imag) < _NEARLY * at_zero.real
+    is_real = np.abs(at_zero.imag) < _NEARLY * np.abs(at_zero.real)
     is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
     values = at_zero[is_real & is_finite].real
     # A neutral root of the actual loop makes an end at 1, which is not counted.
     values = values[np.abs(values - 1) > _REAL]
     loci = eigenloci(system, grid)
     # Smaller real parts are rounding errors of 0.
-    is_right = loci.real > _REAL * np.abs(loci[:, :1])
-    has_changed = np.diff(np.signbit(loci.imag), axis=0) & is_right[:-1] & is_right[1:]
-    k, columns = np.nonzero(has_changed)
+    side = np.sign(loci.real) * (np.abs(loci.real) > _REAL * np.abs(loci[:, :1]))
+    is_clear = (side[:-1] == side[1:]) & (side[1:] != 0)
+    k, columns = np.nonzero(np.diff(np.signbit(loci.imag), axis=0) & is_clear)
     back = LoopLoci(system)
     _, found = locate(back, columns, lambda p: p.imag, grid[k], grid[k + 1])
     # The sign of the imaginary part also changes where two complex eigenvalues of equal
     # magnitude change places in the order. These are left out.
-    is_real = np.abs(found.imag) < _REAL * np.abs(found)
-    values = np.append(values, found[is_real & (found.real > 0)].real)
-    gains = 1 / values
-    below = gains[gains < 1].max(initial=0.0)
-    return float(below), float(gains[gains > 1].min(initial=math.inf))
+    is_real = (np.abs(found.imag) < _REAL * np.abs(found)) & (found.real != 0)
+    # From k p(s) = 1 follows sign Re ds/dk = -sign d(Im p)/dw.
+    changes = np.where(loci.imag[k, columns] > 0, 1, -1)[is_real]
+    changes = np.append(np.zeros(len(values)), changes)
+    return np.append(values, found[is_real].real), changes

@@ -2,8 +2,9 @@
 
 The loop that u(t) = k y(t - T) closes is stable if its lifted map has no root of a
 magnitude of 1 or more, neutral roots at 1 apart. The margins are searched from the
-actual loop, k = 1 and T = 0, on a grid, and located by bisection. A range of
-instability that lies between two neighbouring points of the grid is not found.
+actual loop, k = 1 and T = 0, on a grid, and located by bisection. If that loop is
+unstable, so are the gains and the delays at which it is stable. A range that lies
+between two neighbouring points of the grid is not found.
 """
 
 import itertools
@@ -13,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray
-from teleop_drake.loops.numerics.delayed_loop import Margins
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Interval
+from teleop_drake.loops.numerics.margins import LARGEST_GAIN, Margins
 from teleop_drake.loops.numerics.sample_schedule import common_period
 from teleop_drake.loops.numerics.sampled_loop import SampledLoop, lift
 
-# The gains that are searched, from 1 to this factor and to its inverse.
-_LARGEST_GAIN = 100.0
+# The number of gains that are searched from 1 to LARGEST_GAIN, and to its inverse.
 _NUM_GAINS = 100
 _NUM_PHASES = 90
 
@@ -76,25 +76,48 @@ class _Search:
             change: A function that returns the roots at a value.
         """
         for stable, unstable in itertools.pairwise(grid):
-            if not _is_unstable(change(unstable)):
-                continue
-            inside = stable
-            outside = unstable
-            while abs(outside - inside) > _ACCURACY * max(abs(outside), 1e-3):
-                middle = (inside + outside) / 2
-                if _is_unstable(change(middle)):
-                    outside = middle
-                else:
-                    inside = middle
-            return _Edge(outside, change(outside))
+            if _is_unstable(change(unstable)):
+                return _edge(stable, unstable, change)
         return None
+
+    def windows(
+        self, grid: list[float], change: Callable[[float], ComplexArray]
+    ) -> list[Interval]:
+        """Returns the intervals in which a loop is stable, those of a grid's points.
+
+        An end at an end of the grid is that of the grid.
+
+        Args:
+            grid: Ascending values.
+            change: A function that returns the roots at a value.
+        """
+        stable = [not _is_unstable(change(value)) for value in grid]
+        ends = [grid[0]] if stable[0] else []
+        for k in np.flatnonzero(np.diff(stable)).tolist():
+            inside, outside = (k, k + 1) if stable[k] else (k + 1, k)
+            ends.append(_edge(grid[inside], grid[outside], change).value)
+        ends += [grid[-1]] if stable[-1] else []
+        return list(zip(ends[::2], ends[1::2], strict=True))
+
+
+def _edge(
+    inside: float, outside: float, change: Callable[[float], ComplexArray]
+) -> _Edge:
+    """Locates the edge between a value with a stable loop and another one."""
+    while abs(outside - inside) > _ACCURACY * max(abs(outside), 1e-3):
+        middle = (inside + outside) / 2
+        if _is_unstable(change(middle)):
+            outside = middle
+        else:
+            inside = middle
+    return _Edge(outside, change(outside))
 
 
 def _is_unstable(roots: ComplexArray) -> bool:
     return bool(np.abs(roots).max(initial=0.0) > 1 + _BEYOND)
 
 
-def sampled_margins(loop: SampledLoop) -> Margins:
+def sampled_margins(loop: SampledLoop, *, remedies: bool = True) -> Margins:
     """Returns the stability margins of a sampled loop at its port.
 
     The delay is searched up to NUM_PERIODS of the shortest period; infinity: there is
@@ -102,15 +125,22 @@ def sampled_margins(loop: SampledLoop) -> Margins:
 
     Args:
         loop: The open loop from u to y.
+        remedies: Whether to search for what stabilises an unstable loop.
 
     Raises:
         ContinuousDelayLoop: If a delay is in a loop without a discrete state.
         ScenarioError: If the periods are not commensurate.
     """
     search = _Search(loop)
+    gains = np.geomspace(1.0, LARGEST_GAIN, _NUM_GAINS)
+    shortest = min(clock.period for clock in loop.clocks)
+    num_delays = math.ceil(NUM_PERIODS * _POINTS_IN_PERIOD)
+    longest = (num_delays - 1) * shortest / _POINTS_IN_PERIOD
+    delays = np.linspace(0.0, longest, num_delays)
     if _is_unstable(search.roots()):
-        return Margins(is_stable=False)
-    gains = np.geomspace(1.0, _LARGEST_GAIN, _NUM_GAINS)
+        if not remedies:
+            return Margins(is_stable=False)
+        return _remedies(search, gains, delays)
     upper = search.first(gains.tolist(), lambda gain: search.roots(gain))
     lower = search.first((1 / gains).tolist(), lambda gain: search.roots(gain))
     phases = np.linspace(0.0, math.pi, _NUM_PHASES)
@@ -118,9 +148,6 @@ def sampled_margins(loop: SampledLoop) -> Margins:
         phases.tolist(), lambda phase: search.roots(np.exp(1j * phase))
     )
     # A real loop has the same margin against a phase of the other sign.
-    shortest = min(clock.period for clock in loop.clocks)
-    num_delays = math.ceil(NUM_PERIODS * _POINTS_IN_PERIOD)
-    delays = np.arange(num_delays) * shortest / _POINTS_IN_PERIOD
     late = search.first(delays.tolist(), lambda delay: search.roots(delay=delay))
     frequency = 0.0
     if late is not None:
@@ -135,6 +162,28 @@ def sampled_margins(loop: SampledLoop) -> Margins:
             0.0 if lower is None else lower.value,
             math.inf if upper is None else upper.value,
         ),
+    )
+
+
+def _remedies(search: _Search, gains: Array, delays: Array) -> Margins:
+    """Returns the gains and the delays that stabilise an unstable loop.
+
+    Args:
+        search: The search.
+        gains: The gains from 1 on that are searched, and whose inverses are.
+        delays: The delays in s that are searched.
+    """
+    sizes = np.concatenate([1 / gains[:0:-1], gains])
+    windows: list[Interval] = []
+    for signed in (sizes, -sizes[::-1]):
+        windows = windows or search.windows(signed.tolist(), search.roots)
+    low, high = 1 / LARGEST_GAIN, LARGEST_GAIN
+    beyond = {low: 0.0, -low: 0.0, high: math.inf, -high: -math.inf}
+    late = search.windows(delays.tolist(), lambda delay: search.roots(delay=delay))
+    return Margins(
+        is_stable=False,
+        stable_gains=tuple((beyond.get(a, a), beyond.get(b, b)) for a, b in windows),
+        stable_delays=tuple(late),
     )
 
 

@@ -101,6 +101,21 @@ class StateSpace:
         """
         return replace(-self, delays=(delay,) * len(self.D))
 
+    def behind(self, delay: float) -> "StateSpace":
+        """Returns this system without delays behind a delay, G(s) e^(-s T).
+
+        Args:
+            delay: T in s, > 0, the same for all signals.
+        """
+        p, m = self.D.shape
+        matrix = np.zeros((len(self.matrix) + m, self.num_states + 2 * m))
+        x = self.num_states
+        matrix[: x + p, :x] = self.matrix[:, :x]
+        # The system receives the outputs of the delays, which receive the input.
+        matrix[: x + p, x + m :] = self.matrix[:, x:]
+        matrix[x + p :, x : x + m] = np.eye(m)
+        return StateSpace(matrix=matrix, num_states=x, delays=(delay,) * m)
+
     def frequency_response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns G(j w) between the open signals (K, p - k, m - k).
 

@@ -245,20 +245,14 @@ def _With(
         parts: The new systems, by the paths of the systems that they replace.
         scenario: The changed scenario.
     """
-    evaluator: Evaluator | None = compiled.evaluator
     contexts: dict[System, Context] = {}
+    for path, system in parts.items():
+        contexts |= ContextsIn(system, _StartOfPart(system, path, scenario))
     try:
-        for path, system in parts.items():
-            assert evaluator is not None
-            own = ContextsIn(system, _StartOfPart(system, path, scenario))
-            evaluator = evaluator.WithBlocks(path, system, own)
-            if evaluator is None:
-                return None
-            contexts |= own
+        evaluator = compiled.evaluator.WithBlocks(parts, contexts)
     except UnsupportedSystem:
         return None
-    assert evaluator is not None
-    if not _HasSteps(compiled.evaluator, evaluator):
+    if evaluator is None or not _HasSteps(compiled.evaluator, evaluator):
         return None
     # Only the initial values of the new systems differ.
     program = evaluator.program

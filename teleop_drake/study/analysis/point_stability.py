@@ -28,13 +28,14 @@ The model describes one instant of the operating point's motion (analysis.loop).
 Roots slower than that motion do not count; see PointStability.unresolved.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import ComplexArray
+from teleop_drake.loops.framework.arrays import ComplexArray, Interval
 from teleop_drake.loops.numerics.characteristic_roots import (
     characteristic_roots,
     rightmost,
@@ -48,6 +49,7 @@ from teleop_drake.loops.numerics.delay_margin import (
     stable_delays,
     unstable_roots,
 )
+from teleop_drake.loops.numerics.delayed_loop import loop_frequencies, stable_gains
 from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
 from teleop_drake.study.analysis.loop_model import CutLoop, LoopModel, Motion
 
@@ -178,6 +180,18 @@ class PointStability:
         """RightmostRoot() at the scenario's delay."""
         return self.RightmostRoot(self.delay)
 
+    @cached_property
+    def stable_gains(self) -> list[Interval]:
+        """The gains with which the loop would be stable at the scenario's delay.
+
+        It is empty if the loop is stable there. The gain multiplies all signals that
+        return through the channels; see Margins.stable_gains.
+        """
+        if self.is_stable or not _AllDecay(self.hidden_modes):
+            return []
+        loop = self.loop.behind(self.delay) if self.delay > 0 else self.loop
+        return stable_gains(loop, loop_frequencies(loop), self.unresolved)
+
     def ToRecord(self) -> dict[str, Any]:
         """Returns the JSON object of `teleop-drake analyze`, without NaN."""
         point = self.model.point
@@ -197,6 +211,10 @@ class PointStability:
             "delay_margin": margin and margin.delay,
             "stable_delays": [list(interval) for interval in self.stable_delays],
             "stable": self.is_stable,
+            "stable_gains": [
+                [x if math.isfinite(x) else None for x in window]
+                for window in self.stable_gains
+            ],
             "rightmost_root": _Parts(self.rightmost_root),
             "unresolved_below": self.unresolved,
             "slave_root": _Parts(self.slave_root),

@@ -146,9 +146,10 @@ def AnalyzeStability(
     notes += [point.untold for point in results if point.untold]
     if not all(is_delay_robust(point.loop) for point in results):
         notes.append(
-            "A signal that goes round the loop without any dynamics is not attenuated: "
-            "with every delay, infinitely many roots lie to the right of the imaginary "
-            "axis or approach it, and no delay counts as stable."
+            "The loop is of neutral type, and a signal that goes round it without any "
+            "dynamics is not attenuated: with every delay, infinitely many roots lie "
+            "to the right of the imaginary axis or approach it, and no delay counts as "
+            "stable."
         )
     return StabilityAnalysis(
         scenario=scenario,

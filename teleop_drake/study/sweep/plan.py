@@ -96,10 +96,11 @@ class SweepPlan(AnyPlan[TaskSweepResult]):
         names = tuple(
             (key, value) for key, value in point.items() if isinstance(value, str)
         )
+        numbers = {key: x for key, x in point.items() if not isinstance(x, str)}
         if names in programs:
             try:
                 known: CompiledScenario = programs[names]
-                return known.Run(**point)
+                return known.Run(**numbers)
             except ScenarioError:
                 # The run needs another program, or Load() raises the error below.
                 pass
@@ -145,18 +146,21 @@ def PlanSweep(
     axes, points = PointsOf(grid)
 
     traces: dict[str, str] = {}
-    # What the runs share is checked once if it is valid without values of the grid.
+    # What the runs share is checked once if it is valid without other values of the
+    # grid: the overrides, and the first axes as far as they have one value only.
     shared: ScenarioLike = scenario
     shared_paths: list[str] = []
-    missing = fixed
+    single = itertools.takewhile(lambda axis: len(axis[1]) == 1, axes.items())
+    known = {key: values[0] for key, values in single}
+    missing = [*fixed, *known.items()]
     with contextlib.suppress(ScenarioError):
-        shared, shared_paths = LoadOverridden(scenario, fixed)
+        shared, shared_paths = LoadOverridden(scenario, missing)
         missing = []
 
     def Load(point: Point) -> AnyScenario:
         """Returns the scenario of a point; error messages have the name given."""
-        own = [*missing, *point.items()]
-        checked, replaced = LoadOverridden(shared, own)
+        own = [item for item in point.items() if item[0] not in known]
+        checked, replaced = LoadOverridden(shared, [*missing, *own])
         _CheckPaths(fixed, point, [*shared_paths, *replaced])
         CheckSteps(checked)
         for file in sorted(set(ScenarioFiles(checked).values())):

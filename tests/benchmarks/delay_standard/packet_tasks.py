@@ -32,6 +32,11 @@ def shown(choose: Callable, packets: Sequence[Packet]) -> Signal:
     return value
 
 
+def half_flights(packets: Sequence[Packet]) -> list[Packet]:
+    """Returns packets that travel for half of their time."""
+    return [x._replace(arrival=(x.sent + x.arrival) / 2) for x in packets]
+
+
 def packets() -> Task:
     sent = jittered_packets()
     constant = [packet._replace(arrival=packet.sent + 11 * STEP / 2) for packet in sent]
@@ -41,6 +46,7 @@ def packets() -> Task:
         "last_to_arrive": shown(closed_forms.latest, sent),
         "kept_in_order": shown(newest, closed_forms.in_order(sent)),
         "mean_delay": shown(newest, constant),
+        "half_delay": shown(newest, half_flights(sent)),
         "one_step_early": lambda t: right(t + STEP),
         "one_step_late": lambda t: right(t - STEP),
     }
@@ -66,12 +72,16 @@ def stale_packets() -> list[Packet]:
     ]
 
 
-def watched(age: Callable[[Packet], Fraction], limit: Fraction) -> Signal:
+def watched(
+    age: Callable[[Packet], Fraction],
+    limit: Fraction,
+    packets: Sequence[Packet] = stale_packets(),
+) -> Signal:
     """Returns the command, which is 0 once the packet's age is the limit."""
 
     @cache
     def value(t: Fraction) -> float:
-        packet = closed_forms.newest(stale_packets(), t)
+        packet = closed_forms.newest(packets, t)
         is_stale = packet is None or t >= age(packet) + limit
         return 0.0 if is_stale else float(packet.value)
 
@@ -79,13 +89,13 @@ def watched(age: Callable[[Packet], Fraction], limit: Fraction) -> Signal:
 
 
 def travel(command: Signal) -> Signal:
-    """Returns the integral of a command that jumps at odd multiples of 0.005 s."""
-    half = STEP / 2
+    """Returns the integral of a command that jumps at multiples of 0.0025 s."""
+    part = STEP / 4
 
     def value(t: Fraction) -> float:
-        intervals = range(int(t / half))
-        return math.fsum(command((k + Fraction(1, 2)) * half) for k in intervals) * (
-            float(half)
+        intervals = range(int(t / part))
+        return math.fsum(command((k + Fraction(1, 2)) * part) for k in intervals) * (
+            float(part)
         )
 
     return value
@@ -98,6 +108,9 @@ def stale_command() -> Task:
         "held_for_ever": watched(lambda packet: packet.arrival, never),
         "zeroed_at_once": watched(lambda packet: packet.arrival, SEND_PERIOD),
         "timeout_from_sending": watched(lambda packet: packet.sent, TIMEOUT),
+        "half_delay": watched(
+            lambda packet: packet.arrival, TIMEOUT, half_flights(stale_packets())
+        ),
         "one_step_early": lambda t: right(t + STEP),
         "one_step_late": lambda t: right(t - STEP),
     }

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from functools import cache
 
 from benchmarks.delay_standard.task import (
     EXACT,
@@ -14,6 +15,7 @@ from benchmarks.delay_standard.task import (
     delay_faults,
     every,
 )
+from benchmarks.delay_standard.wrong_methods import at_steps
 
 SIGNAL_END = Fraction("0.8")
 
@@ -81,6 +83,7 @@ def state_delay() -> Task:
         "delay_error": loop(lambda T: T + float(MILLISECOND)),
         "delay_of_start": loop(lambda T: first),
         "empty_history": loop(lambda T: T, history=0.0),
+        "explicit_euler": at_steps(_euler_states()),
     }
     return Task(
         instants=every(Fraction("0.05"), Fraction(3)),
@@ -91,6 +94,22 @@ def state_delay() -> Task:
 
 
 _STATE_STEPS = 2000
+
+
+@cache
+def _euler_states() -> list[float]:
+    """Returns x of the state-dependent loop at the steps of Euler's method, of 1 ms.
+
+    The late value is interpolated between two steps.
+    """
+    step = float(MILLISECOND)
+    x = [1.0]
+    for k in range(round(STATE_END / step)):
+        place = max((x[k] - ROOT_2) / step, 0.0)
+        i = int(place)
+        late = x[i] + (place - i) * (x[i + 1] - x[i]) if i > 0 else 1.0
+        x.append(x[k] + step * late / (2 * math.sqrt(1 + k * step)))
+    return x
 
 
 def _state_loop(late: Callable[[float], float], history: float) -> list[float]:

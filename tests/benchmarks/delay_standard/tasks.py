@@ -4,12 +4,13 @@
 texts are in teleop_drake/references/delays.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
 
-from benchmarks.delay_standard import closed_forms
+from benchmarks.delay_standard import closed_forms, wrong_methods
 from benchmarks.delay_standard.by_steps import by_steps
 from benchmarks.delay_standard.closed_forms import Ball, pd_loop, scalar_loop
 from benchmarks.delay_standard.packet_tasks import packets, stale_command
@@ -33,6 +34,27 @@ from benchmarks.delay_standard.task import (
     step_at,
 )
 
+SOURCES = {
+    "ramp_echo": (wrong_methods.RAMP_SOURCE, Fraction(0)),
+    "step_echo": (wrong_methods.STEP_SOURCE, Fraction("0.105")),
+    "position_echo": (wrong_methods.SINE_SOURCE, Fraction(0)),
+    "velocity_echo": (wrong_methods.COSINE_SOURCE, Fraction(0)),
+    "force_echo": (wrong_methods.RAMP_SOURCE, Fraction(0)),
+}
+
+
+def _pade_echoes(
+    path: list[Fraction], source: wrong_methods.System, start: Fraction
+) -> dict[str, Signal]:
+    """Returns the echoes of a signal behind Pade's approximations of some delays."""
+
+    def make(order: int) -> Signal:
+        parts = [wrong_methods.pade(T, order) for T in path]
+        system = functools.reduce(wrong_methods.in_series, parts)
+        return wrong_methods.pade_echo(system, source, start)
+
+    return wrong_methods.by_orders(make)
+
 
 def plain_echo() -> Task:
     inputs = {"ramp_echo": ramp, "step_echo": step_at(Fraction("0.105"))}
@@ -40,6 +62,7 @@ def plain_echo() -> Task:
     faults = {}
     for name, signal in inputs.items():
         faults[name] = delay_faults(lambda late, u=signal: echo(u, late), T)
+        faults[name] |= _pade_echoes([T], *SOURCES[name])
     # A shift of a jump is no multiple of a shorter one.
     del faults["step_echo"]["delay_error"]
     return Task(
@@ -61,6 +84,7 @@ def vector_echo() -> Task:
     for name, signal in inputs.items():
         faults[name] = delay_faults(lambda late, u=signal: echo(u, late), T)
         faults[name]["not_connected"] = lambda t: 0.0
+        faults[name] |= _pade_echoes([T], *SOURCES[name])
     return Task(
         instants=every(STEP, Fraction("0.4")),
         signals={name: echo(signal, T) for name, signal in inputs.items()},
@@ -84,8 +108,10 @@ def half_step() -> Task:
             "half_delay": echo(ramp, T / 2),
             "no_delay": ramp,
             "delay_error": echo(ramp, T + MILLISECOND),
+            **_pade_echoes([T], *SOURCES["ramp_echo"]),
         },
         "step_echo": {
+            **_pade_echoes([T], wrong_methods.STEP_SOURCE, Fraction("0.103")),
             "rounded_up": lambda t: 0.0 if t == read_at else right(t),
             "smeared_step": lambda t: 0.5 if t == read_at else right(t),
             "no_delay": jump,
@@ -101,6 +127,7 @@ def half_step() -> Task:
 
 def short_delay() -> Task:
     T = Fraction("0.004")
+    end = Fraction("0.3")
 
     def loop(late: Fraction) -> Signal:
         if late == 0:
@@ -121,10 +148,13 @@ def short_delay() -> Task:
             "one_step_late": loop(T + STEP),
             "no_delay": loop(Fraction(0)),
             "delay_error": loop(T + MILLISECOND),
+            "explicit_euler": wrong_methods.at_steps(
+                wrong_methods.euler_scalar(Fraction(20), T, end)
+            ),
         },
     }
     return Task(
-        instants=every(STEP, Fraction("0.3")),
+        instants=every(STEP, end),
         signals={"ramp_echo": echo(ramp, T), "x": loop(T)},
         tubes={"ramp_echo": EXACT, "x": 1e-3},
         faults=by_fault(faults),
@@ -142,8 +172,12 @@ def delayed_decay() -> Task:
 
     faults = delay_faults(loop, T)
     faults["empty_history"] = lambda t: scalar_loop(t, k, T, history=0)
+    end = Fraction(10)
+    euler = wrong_methods.euler_scalar(k, T, end)
+    faults["explicit_euler"] = wrong_methods.at_steps(euler)
+    faults |= wrong_methods.by_orders(lambda n: wrong_methods.pade_scalar(k, T, n))
     return Task(
-        instants=every(Fraction("0.2"), Fraction(10)),
+        instants=every(Fraction("0.2"), end),
         signals={"x": loop(T)},
         tubes={"x": 1e-4},
         faults=by_fault({"x": faults}),
@@ -170,9 +204,10 @@ def pd() -> Task:
         return float(_position_only()(float(t))[0])
 
     zero = Fraction(0)
-    sensor = _pd_faults(T, zero, shifted)
+    sensor = _pd_faults(T, zero, shifted) | _method_faults(T, zero)
     sensor["velocity_not_delayed"] = lagging_position
-    both = _pd_faults(T, ACTUATOR, shifted)
+    actuator = _pd_faults(T, T, shifted) | _method_faults(zero, T)
+    both = _pd_faults(T, ACTUATOR, shifted) | _method_faults(SENSOR, ACTUATOR)
     both["actuator_only"] = shifted(ACTUATOR, ACTUATOR)
     both["sensor_only"] = shifted(SENSOR, zero)
     return Task(
@@ -186,7 +221,7 @@ def pd() -> Task:
         faults=by_fault(
             {
                 "x_sensor": sensor,
-                "x_actuator": _pd_faults(T, T, shifted),
+                "x_actuator": actuator,
                 "x_both": both,
             }
         ),
@@ -197,6 +232,23 @@ def _pd_faults(T: Fraction, start: Fraction, shifted: Callable) -> dict[str, Sig
     """Returns x with a wrong round trip; an actuator's delay is wrong with it."""
     share = start / T
     return delay_faults(lambda late: shifted(late, share * late), T)
+
+
+def _method_faults(sensor: Fraction, actuator: Fraction) -> dict[str, Signal]:
+    """Returns x with the right delays, by a method that errs."""
+    end = Fraction(4)
+    faults = {
+        name: wrong_methods.at_steps(
+            wrong_methods.euler_pd(sensor, actuator, end, is_semi_implicit=is_semi)
+        )
+        for name, is_semi in EULER.items()
+    }
+    pade = functools.partial(wrong_methods.pade_pd, sensor, actuator)
+    return faults | wrong_methods.by_orders(pade)
+
+
+EULER = {"explicit_euler": False, "semi_implicit_euler": True}
+"""Whether the method of a fault is semi-implicit."""
 
 
 def _pd_rate(t, now, late):
@@ -216,6 +268,10 @@ def _position_only():
 def oscillation() -> Task:
     right = closed_forms.pd_margin(float(KP), float(KD))
     step = float(STEP)
+    euler = {
+        name: wrong_methods.euler_margin(float(KP), float(KD), is_semi_implicit=is_semi)
+        for name, is_semi in EULER.items()
+    }
     return Task(
         instants=[Fraction(0)],
         signals={
@@ -228,6 +284,10 @@ def oscillation() -> Task:
             "one_step_early": {"critical_delay": lambda t: right.delay + step},
             "one_step_late": {"critical_delay": lambda t: right.delay - step},
             "half_delay": {"critical_delay": lambda t: 2 * right.delay},
+            **{
+                name: {"critical_delay": lambda t, found=found: found.delay}
+                for name, found in euler.items()
+            },
             "radians": {"frequency": lambda t: right.frequency / (2 * math.pi)},
         },
     )
@@ -334,6 +394,12 @@ def tie() -> Task:
                 name: echo(jump, T + STEP) for name in ("direct", "chain")
             },
             "half_delay": {name: echo(jump, T / 2) for name in ("direct", "chain")},
+            **by_fault(
+                {
+                    "direct": _pade_echoes([T], *SOURCES["step_echo"]),
+                    "chain": _pade_echoes([first, second], *SOURCES["step_echo"]),
+                }
+            ),
             "one_step_apart": {"area": lambda t: float(STEP * (t > arrival))},
         },
     )

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
+
 FOLDER = Path(__file__).parents[3] / "teleop_drake" / "references" / "delays"
 
 
@@ -37,14 +39,14 @@ def reference_text(name: str, task) -> str:
 def faults_text(name: str, task) -> str:
     """Returns the wrong answers; a column is called SIGNAL:FAULT.
 
-    Those that do not differ from the right ones are left out.
+    Those that do not leave the tubes are left out.
     """
     right = columns(task.instants, task.signals)
     table = columns(task.instants, {})
     for fault, answers in task.faults.items():
         wrong = columns(task.instants, answers)
         for signal in answers:
-            if wrong[signal] != right[signal]:
+            if not np.allclose(wrong[signal], right[signal], 0, task.tubes[signal]):
                 table[f"{signal}:{fault}"] = wrong[signal]
     return text({"faults of": name}, table)
 

@@ -132,6 +132,10 @@ def test_an_unstable_loop_has_no_margins():
     margins = sampled_margins(strong)
     assert not margins.is_stable
     assert margins.gain == (1.0, 1.0)
+    ((low, high),) = margins.stable_gains
+    assert (low, 3.0 * high) == (0.0, pytest.approx(2.792786, abs=1e-6))
+    assert margins.stable_delays == ()
+    assert sampled_margins(strong, remedies=False).stable_gains == ()
 
 
 def test_a_delay_in_a_loop_without_a_hold_is_refused():

@@ -18,7 +18,7 @@ def test_table(capsys):
     assert main(["analyze", "one_dof", "--controller", "direct_force"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    headline, head, *rows, held, first, now, passive = out.splitlines()
+    headline, head, *rows, held, first, now, remedy, passive = out.splitlines()
     assert headline == (
         "one_dof, direct_force: delay 0.1 s forward, 0.1 s back; "
         "round-trip delays up to 2 s"
@@ -40,6 +40,10 @@ def test_table(capsys):
         "rad/s by all of its margin, 54.8 deg."
     )
     assert now == "At 0.2 s, in bone, a motion of 16.72 rad/s doubles every 1.9 s."
+    assert remedy == (
+        "In bone: stable with less than 0.226 times the gain, or 0 to 0.05269, 0.2356 "
+        "to 0.3989, 0.6163 to 0.7452 s of round-trip delay."
+    )
     assert passive == (
         "Not stable with every passive operator and environment: Llewellyn's parameter "
         "falls below 1 (tissue, free, bone)."
@@ -210,6 +214,7 @@ def test_an_undamped_tool_under_a_held_force_is_said(capsys):
     held = next(x for x in out.splitlines() if x.startswith("bone, force held"))
     assert held.endswith("none           0 ± 24.23j  NOT DAMPED")
     assert "in bone, force held, a motion of 24.23 rad/s neither grows nor dec" in out
+    assert "\nIn bone, force held: no gain up to 100 times as large or" in out
 
 
 def test_operator_without_a_contact_force_is_said(capsys):

@@ -447,7 +447,7 @@ def test_bare_wave_line_is_not_robust():
         **{"controller.wave_variables.master_damping": 0.0},
     )
     (note,) = analysis.notes
-    assert note.startswith("A signal that goes round the loop without any dynamics")
+    assert note.startswith("The loop is of neutral type, and a signal that goes round")
     for point in analysis.points:
         assert not is_delay_robust(point.loop)
         assert point.stable_delays == [] and point.margin is None
@@ -498,6 +498,8 @@ def test_unstable_without_delay():
     assert point.margin is None and not point.is_stable
     assert point.stable_delays == []
     assert point.ToRecord()["delay_margin"] is None
+    ((low, high),) = point.stable_gains
+    assert low < 0 and high == 0
 
 
 def test_device_with_feedthrough_keeps_a_margin():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, LinearSystem, ZeroOrderHold
+from scipy.optimize import brentq
 
 from teleop_drake import PlotBode, PlotNyquist, SaveFigure
 from teleop_drake.loops import LinearizePorts
@@ -100,7 +101,10 @@ def test_the_curves_are_the_response_with_a_continuous_phase():
     phase = np.radians(bottom.get_lines()[0].get_ydata())
     expected = -math.pi / 2 - np.arctan(w) - np.arctan(w / 2) - 3.0 * w
     np.testing.assert_allclose(phase, expected, atol=1e-9)
-    assert Labels(top.figure) == ["the closed loop is unstable: no margins"]
+    w_pi = brentq(lambda w: math.pi / 2 - math.atan(w) - math.atan(w / 2) - 3 * w, 0, 1)
+    size = 2 / (w_pi * math.hypot(1, w_pi) * math.hypot(2, w_pi))
+    words = f"unstable; stable with less than {1 / size:.4g}\ntimes the gain"
+    assert Labels(top.figure) == [f"the closed loop is {words}"]
 
 
 def test_a_nyquist_plot_has_the_margins_of_an_unstable_plant():

@@ -11,7 +11,9 @@ import pytest
 import teleop_drake
 from teleop_drake.loops.page.script import JoinModules
 
-MODULES = sorted(Path(teleop_drake.__file__).parent.joinpath("loops/page/js").glob("*.js"))
+MODULES = sorted(
+    Path(teleop_drake.__file__).parent.joinpath("loops/page/js").glob("*.js")
+)
 
 # The script of a page, and that of the report.
 MAINS = "main.js", "report.js"
