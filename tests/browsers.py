@@ -2,6 +2,7 @@
 
 import importlib.util
 import shutil
+import subprocess
 import time
 from pathlib import Path
 
@@ -20,6 +21,19 @@ def MakePictures():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def ReadAxe():
+    """The script of axe-core, which finds what keeps a page from being accessible."""
+    npm = shutil.which("npm")
+    if npm is None:
+        pytest.skip("no npm, which brings axe-core")
+    command = [npm, "root", "--global"]
+    root = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    axe = Path(root.strip()) / "axe-core/axe.min.js"
+    if not axe.exists():
+        pytest.skip("no axe-core: `npm install --global axe-core` brings it")
+    return axe.read_text("utf-8")
 
 
 @pytest.fixture(scope="session")

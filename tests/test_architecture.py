@@ -332,7 +332,7 @@ def test_every_block_has_a_test():
 # users of the first version call.
 OTHERS_NAMES = (
     "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
-    "|do_GET|log_message|handle"
+    "|do_GET|log_message|handle|setup"
     "|add_subplot|_construct|_construct_copy|[sgc]\\w+_monitor|_(repr|ipython)_\\w+_|plot|to_dataframe|simulate"
     "|bode|margins|to_control"
 )

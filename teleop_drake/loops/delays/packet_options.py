@@ -138,13 +138,13 @@ class Loss(PacketConfig):
 class Receiver(PacketConfig):
     """The policy of the receiver. It discards packets older than the one it shows.
 
-    newest:      holds the packet with the newest time stamp.
-    playout:     like `newest`, but shows a packet no earlier than delay + depth after
-                 it was sent. A packet that arrives later is shown at once. The clocks
-                 of sender and receiver are assumed to agree.
-    extrapolate: shows the newest packet at its arrival, and then extrapolates with the
-                 slope of the line through the time stamps and values of this packet and
-                 of the one that it replaced.
+    * newest: holds the packet with the newest time stamp.
+    * playout: like `newest`, but shows a packet no earlier than delay + depth after
+      it was sent. A packet that arrives later is shown at once. The clocks of sender
+      and receiver are assumed to agree.
+    * extrapolate: shows the newest packet at its arrival, and then extrapolates with
+      the slope of the line through the time stamps and values of this packet and of
+      the one that it replaced.
     """
 
     choice = "policy"

@@ -1,10 +1,10 @@
 """The levels of a block diagram as pictures whose ports and wires have names."""
 
 import functools
-import html
 import inspect
 import re
 from typing import Any
+from xml.etree import ElementTree
 
 from pydrake.systems.framework import Diagram, System
 
@@ -12,26 +12,17 @@ from teleop_drake.loops.draw.block_diagram import DiagramDot, LayOut
 from teleop_drake.loops.framework.signals import ClassOf, PathsIn, Visible
 from teleop_drake.loops.framework.wiring import InputPorts, OutputPorts
 
-_AT = re.compile(r'data-(at|wire)="(\d+)(?::([uy])(\d+))?"')
 # The class and the name of a system, as Drake writes them.
 _CLASS_AND_NAME = re.compile(r"^<B>([^<]*)</B><BR/>\nname=(.*)$", re.M)
-_BOX = re.compile(r"^(?:s|drakelcminterface)(\d+)(?:in|out)? \[")
-_PORT = re.compile(r'<TD PORT="([uy]\d+)"')
-_HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
-# Replacements in the picture that Graphviz has drawn.
-_REPLACED = (
-    (r"<!--.*?-->\n?|<title>.*?</title>\n?| font-family=\"[^\"]*\"", ""),
-    # Links, which name boxes and ports, and the groups of wires.
-    (r'<g id="a_[^"]*">\s*<a xlink:href="([^"]*)"[^>]*>', r'<g data-at="\1">'),
-    (r"</a>\n?</g>", "</g>"),
-    (r'<g id="wire ([^"]*)" class="edge">', r'<g data-wire="\1" class="edge">'),
-    # Boxes and ports can be reached by keys; wires are wide enough for a pointer.
-    (r'(data-at="[^"]*")>', r'\1 tabindex="0">'),
-    (r'<path [^>]*(d="[^"]*")/>', r'\g<0><path class="hit" \1/>'),
-)
+# The cells of a box that are links in the picture: its ports and its head.
+_CELL = re.compile(r'<TD (?=PORT="([uy]\d+)"|BORDER="1" COLSPAN)')
 _WIRE = re.compile(
-    r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> (?:s(\d+):(u\d+))?\S*( \[(.*)\])?$"
+    r"^\{?s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> (?:s(\d+):(u\d+))?.*$", re.M
 )
+_BOX = re.compile(r"(?:s|drakelcminterface)(\d+)(?:in|out)?")
+
+_SVG = "{http://www.w3.org/2000/svg}"
+ElementTree.register_namespace("", _SVG[1:-1])
 
 
 def Levels(diagram: System) -> list[dict[str, Any]]:
@@ -51,46 +42,90 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
         systems = [level, *parts]
         boxes = [_Box(x, paths[x]) for x in systems]
 
-        def Name(
-            found: re.Match[str], boxes: Any = boxes, systems: Any = systems
-        ) -> str:
-            sort, number, side, port = found.groups()
-            place = int(number)
-            box = boxes[place]
-            if side is None:
-                is_level = place > 0 and isinstance(systems[place], Diagram)
-                return _BoxAttributes(box, is_level)
-            # A side of a box without ports has an empty cell.
-            names = box[side][int(port) :]
-            kind = "wire" if sort == "wire" else side
-            return _PortAttributes(box, names[0], kind) if names else ""
-
         dot = DiagramDot(level, max_depth=min(len(parts), 1))
-        svg = _AT.sub(Name, _Picture(dot))
-        levels.append({"path": path, "svg": svg.encode(), "boxes": boxes})
+        picture = ElementTree.fromstring(_Picture(dot))
+        del picture.attrib["width"], picture.attrib["height"]
+        is_level = [isinstance(x, Diagram) and x is not level for x in systems]
+        _NameParts(picture, boxes, is_level)
+        levels.append(
+            {"path": path, "svg": ElementTree.tostring(picture), "boxes": boxes}
+        )
     return levels
 
 
-def _BoxAttributes(box: dict[str, Any], is_level: bool) -> str:
+def _NameParts(
+    picture: ElementTree.Element, boxes: list[dict[str, Any]], is_level: list[bool]
+) -> None:
+    """Gives the boxes, ports and wires of a picture by Graphviz their attributes."""
+    for text in picture.iter(f"{_SVG}text"):
+        text.attrib.pop("font-family", None)
+    for group in list(picture.iter(f"{_SVG}g")):
+        title = group.find(f"{_SVG}title")
+        if title is None:
+            continue
+        group.remove(title)
+        number, _, port = group.get("id", "").removeprefix("wire ").partition(":")
+        if port:
+            del group.attrib["id"]
+            group.attrib.update(_PortAttributes(boxes[int(number)], port, "wire"))
+            _Widen(group)
+        elif box := _BOX.fullmatch(title.text or ""):
+            place = int(box[1])
+            _NameCells(group, boxes[place], is_level[place])
+
+
+def _Widen(wire: ElementTree.Element) -> None:
+    """Adds a line to a wire that is wide enough for a pointer."""
+    for path in wire.findall(f"{_SVG}path"):
+        line = ElementTree.Element(
+            f"{_SVG}path", {"class": "hit", "d": path.get("d", "")}
+        )
+        wire.insert(list(wire).index(path) + 1, line)
+
+
+def _NameCells(group: ElementTree.Element, box: dict[str, Any], is_level: bool) -> None:
+    """Gives the head and the ports of a box attributes; keys can reach them."""
+    for cell in group.findall(f"{_SVG}g"):
+        (link,) = cell
+        place = link.get("{http://www.w3.org/1999/xlink}href", "")
+        cell.clear()
+        cell.extend(link)
+        if place == "box":
+            cell.attrib.update(_BoxAttributes(box, is_level))
+        else:
+            cell.attrib.update(_PortAttributes(box, place, place[0]))
+        cell.set("tabindex", "0")
+
+
+def _BoxAttributes(box: dict[str, Any], is_level: bool) -> dict[str, str]:
     """Returns the SVG attributes of a box, among them its label for screen readers."""
-    path = html.escape(box["path"])
+    path = box["path"]
     opens = ", opens" if is_level else ""
     num_ports = len(box["u"]) + len(box["y"])
     # The label has all of the visible text, as voice control needs it.
     name = path.rpartition("/")[2].replace("_", " ")
     label = f"block {name} {box['kind']}{opens}; {num_ports} ports"
-    attributes = f'data-box="{path}" role="button" aria-label="{label}"'
-    return attributes + (f' data-level="{path}"' if is_level else "")
+    attributes = {"data-box": path, "role": "button", "aria-label": label}
+    return attributes | ({"data-level": path} if is_level else {})
 
 
-def _PortAttributes(box: dict[str, Any], port: str, kind: str) -> str:
-    """Returns the SVG attributes of a port, "u" or "y", or of a "wire" from a port."""
+def _PortAttributes(box: dict[str, Any], place: str, kind: str) -> dict[str, str]:
+    """Returns the SVG attributes of a port, "u" or "y", or of a "wire" at a port.
+
+    Args:
+        place: The side and the number of the port, such as "u0".
+    """
+    # A side of a box without ports has an empty cell.
+    names = box[place[0]][int(place[1:]) :]
+    if not names:
+        return {}
     words = {"u": "input", "y": "output", "wire": "wire at"}[kind]
-    path, name = html.escape(box["path"]), html.escape(port)
-    label = f"{words} {name} of {path or 'the diagram'}"
-    # Keys reach ports, but not wires, which plot the signal of a port.
-    role = "img" if kind == "wire" else "button"
-    return f'data-port="{path}:{name}" role="{role}" aria-label="{label}"'
+    return {
+        "data-port": f"{box['path']}:{names[0]}",
+        # Keys reach ports, but not wires, which plot the signal of a port.
+        "role": "img" if kind == "wire" else "button",
+        "aria-label": f"{words} {names[0]} of {box['path'] or 'the diagram'}",
+    }
 
 
 def _Box(system: System, path: str) -> dict[str, Any]:
@@ -114,31 +149,21 @@ def _NameFirst(found: re.Match[str]) -> str:
     )
 
 
-@functools.lru_cache(maxsize=64)
-def _Picture(dot: str) -> str:
-    """Lays out a level as SVG, in which boxes, ports and wires have numbers.
+def _WithId(found: re.Match[str]) -> str:
+    """Returns a wire with its port as id: the input that it leads to, if it does."""
+    box_from, port_from, box_to, port_to = found.groups()
+    end = f"{box_to}:{port_to}" if box_to else f"{box_from}:{port_from}"
+    return f'{found[0]} [id="wire {end}"]'
 
-    They are data-at="1" at a box, data-at="1:y0" at a port of it, and data-wire="1:y0"
-    at a wire from this port.
+
+@functools.lru_cache(maxsize=64)
+def _Picture(dot: str) -> bytes:
+    """Lays out a level as SVG.
+
+    The head and the ports of a box are links to "box", "u0", "y0" and so on, and a wire
+    has an id such as "wire 1:y0".
     """
-    lines, box = [], "0"
     # The name is above the class and larger, because people search for names.
     named = _CLASS_AND_NAME.sub(_NameFirst, dot)
-    for line in named.splitlines():
-        if found := _BOX.match(line):
-            box = found[1]
-        linked = _PORT.sub(rf'<TD HREF="{box}:\1" TITLE="." PORT="\1"', line)
-        linked = _HEADER.sub(f'<TD HREF="{box}" TITLE="." BORDER="1" COLSPAN', linked)
-        if found := _WIRE.match(linked):
-            _, box_from, port_from, box_to, port_to, whole, inside = found.groups()
-            attributes = inside + ", " if inside else ""
-            linked = linked.removesuffix(whole or "")
-            # A wire that leads to an input has the name of this input.
-            end = f"{box_to}:{port_to}" if box_to else f"{box_from}:{port_from}"
-            linked += f' [{attributes}id="wire {end}"]'
-        lines.append(linked)
-    svg = LayOut("\n".join(lines), "svg").decode()
-    svg = svg[svg.index("<svg") :]
-    for pattern, replacement in _REPLACED:
-        svg = re.sub(pattern, replacement, svg)
-    return re.sub(r' width="[^"]*" height="[^"]*"', "", svg, count=1)
+    linked = _CELL.sub(lambda x: f'<TD HREF="{x[1] or "box"}" TITLE="." ', named)
+    return LayOut(_WIRE.sub(_WithId, linked), "svg")

@@ -107,7 +107,7 @@ def simulate(
     | forward_packet_sent, forward_packet_received  | m_f  | of the architecture |
     | return_packet_sent, return_packet_received    | m_r  | of the architecture |
     | surgeon_mode                                  | 1    | see ModalOperator     |
-    | and the telemetry of the control law, for instance psi and weights_1 |||
+    | telemetry of the control law, for instance psi |      | see the law     |
 
     In the thesis's architectures the packets are [F_h; v_d] and [p_WT; v_WT], 2n each.
     All others have these signals as well, and the telemetry of both sides:
