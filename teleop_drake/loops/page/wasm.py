@@ -24,6 +24,11 @@ _TRIPLE = "wasm32-unknown-unknown"
 # LLVM's level of optimisation.
 _LEVEL = 2
 
+# The length of a model's code above which LLVM generates the module at level 0. The
+# other levels take minutes for a block of 40 000 instructions, level 0 a second. Its
+# module is a third longer.
+_LONG = 600_000
+
 # run() returns the status of advance(), or -1 after an index outside of an array. As it
 # is the only function whose address is taken, its place in the table of functions is 1.
 _RUN = """
@@ -71,7 +76,8 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
         # Most of the code is the same for all models, and is optimised once.
         module = llvm.parse_bitcode(Kept("run", run, _Optimised))
         module.link_in(llvm.parse_bitcode(_Optimised(model)))
-        data: bytes = _Machine().emit_object(module)
+        machine = _Machine(0 if len(model) > _LONG else _LEVEL)
+        data: bytes = machine.emit_object(module)
         return data
 
     module = Kept("page", run + model, Emit)
@@ -80,11 +86,11 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
 
 
 @functools.cache
-def _Machine() -> Any:
-    """Returns LLVM's target machine for WebAssembly."""
+def _Machine(level: int = _LEVEL) -> Any:
+    """Returns LLVM's target machine for WebAssembly that generates code at a level."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    return llvm.Target.from_triple(_TRIPLE).create_target_machine(opt=_LEVEL)
+    return llvm.Target.from_triple(_TRIPLE).create_target_machine(opt=level)
 
 
 def _Head() -> str:

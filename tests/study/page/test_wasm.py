@@ -2,6 +2,7 @@
 
 import dataclasses
 import secrets
+import time
 
 import numpy as np
 import pytest
@@ -23,6 +24,20 @@ def test_it_ends_where_the_native_run_does():
     for name, more in (("puma560_insertion", back), ("one_dof", {"delay": 0.5})):
         scenario = LoadScenario(name, {"controller.kind": "direct_force", **more})
         assert AssertSame(scenario).termination == "diverged"
+
+
+@pytest.mark.slow
+def test_a_long_model_is_compiled_in_seconds_and_is_its_native_run(
+    tmp_path, monkeypatch
+):
+    """Of 47 000 instructions, which took three minutes."""
+    monkeypatch.setattr(native, "_Folder", lambda: tmp_path)
+    scenario = LoadScenario("puma560_six_axes", {"duration": 0.5})
+    model = ModelOf(scenario)
+    begin = time.process_time()
+    model.Module()
+    assert time.process_time() - begin < 30
+    AssertSame(scenario)
 
 
 @pytest.mark.slow

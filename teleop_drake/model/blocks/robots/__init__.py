@@ -67,6 +67,8 @@ def MakeRobot(
     file: str | None = None,
     add_motors: bool | None = None,
     tool_frame: str | None = None,
+    locked: list[str] | None = None,
+    base: ArrayLike | None = None,
 ) -> System:
     """Makes a robot by the name of its model; see robot_diagram.MakeRobotDiagram.
 
@@ -93,9 +95,11 @@ def MakeRobot(
         friction: Share of the published joint friction of a puma560.
         friction_speed: Joint speed within which the Coulomb friction of a puma560
             changes sign, rad/s.
-        file: SDFormat or URDF file of an arm.
+        file: SDFormat, URDF or MJCF file of an arm.
         add_motors: Whether the joints of an arm without motors get motors.
         tool_frame: Name of the body or frame of an arm that is its tool.
+        locked: Names of the joints of an arm that are locked at their defaults.
+        base: Pose of an arm's base in the world: x, y, z in m; roll, pitch, yaw in rad.
 
     Raises:
         ScenarioError: If a field is not allowed, or the model has no such field.

@@ -5,10 +5,11 @@ two_link_arm.
 """
 
 import re
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
@@ -17,6 +18,7 @@ from teleop_drake.loops.framework.arrays import ArrayLike
 from teleop_drake.loops.framework.files import ReadText
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
+    CheckVector,
     Config,
     IsGiven,
     Refuse,
@@ -27,8 +29,14 @@ from teleop_drake.model.blocks.robots.base import NewPlant
 from teleop_drake.model.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.model.blocks.robots.inertias import LinkWithoutInertia
 from teleop_drake.model.blocks.robots.inverse_kinematics import TOOL
+from teleop_drake.model.blocks.robots.model_joints import (
+    AddMotors,
+    CoupledJoints,
+    LockJoints,
+    PlaceBase,
+)
 
-_SUFFIXES = (".sdf", ".urdf")
+_SUFFIXES = (".sdf", ".urdf", ".xml")
 
 
 @Config
@@ -43,33 +51,57 @@ class ArmConfig(DrivenArmConfig):
     kind = "arm"
     file_fields = ("file",)
 
-    # An SDF or URDF file with one model. A model without a joint to the world is welded
-    # to the world's origin. Each joint needs a motor, which a URDF declares in a
+    # An SDF, URDF or MJCF file (.xml) with one model. A model without a joint to the
+    # world is welded to the world. Each joint needs a motor, which a URDF declares in a
     # `transmission`. In a scenario file the path is relative to that file.
     file: str = REQUIRED
-    # Whether joints without a motor in the file get one.
+    # Whether joints without a motor in the file get one, and position controllers of
+    # the file become motors.
     add_motors: bool = False
     # The frame or link whose origin touches the environment.
     tool_frame: str = TOOL
+    # Names of joints that are locked at their default positions. A joint that the file
+    # couples with others, such as the fingers of a gripper, has to be among them.
+    locked: list[str] = field(default_factory=list)
+    # Pose in the world of the axes that the file calls the world's, or of the base: x,
+    # y, z in m, then roll, pitch, yaw in rad. [0, 0, 0, -1.5707963267948966, 0, 0]
+    # turns an arm of the x-z plane into the x-y plane. Null: none.
+    base: np.ndarray | None = None
 
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
         """Returns the plant with a payload; see DrivenArmConfig.LoadModel."""
+        if not isinstance(self.locked, list):
+            Refuse("locked", self.locked, "a list of names of joints")
         text = self._ReadFile()
+        base = np.zeros(6)
+        if self.base is not None:
+            CheckVector("base", self.base, 6, "m and rad")
+            base = np.asarray(self.base, dtype=float)
         try:
             with NewPlant(gravity) as plant:
-                (instance,) = self._Parse(Parser(plant), text)
-                _WeldBase(plant, instance)
+                instance = self._Parse(Parser(plant), text)
+                LockJoints(plant, instance, self.locked)
+                X_WB = RigidTransform(RollPitchYaw(base[3:]), base[:3])
+                PlaceBase(plant, instance, X_WB)
                 self._MarkTool(plant, instance)
                 AddPayload(plant, payload)
                 if self.add_motors:
-                    _AddMotors(plant, instance)
+                    AddMotors(plant, instance)
         except ScenarioError:
             raise
         except (RuntimeError, ValueError, SystemExit) as e:
             reason = " ".join(str(e).split())
             Refuse("file", self.file, f"a model of one open chain ({reason})")
+        self._CheckMotors(plant)
+        self._CheckInertias(plant)
+        return plant
+
+    def _CheckMotors(self, plant: MultibodyPlant) -> None:
+        """Refuses a plant that is not driven by one motor for each joint."""
         nv = plant.num_velocities()
         nu = plant.num_actuators()
+        motors = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        controlled = [motor.name() for motor in motors if motor.has_controller()]
         B = plant.MakeActuationMatrix()
         if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
             Refuse(
@@ -78,8 +110,13 @@ class ArmConfig(DrivenArmConfig):
                 f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
                 "joint velocities; add_motors: true adds those that are missing",
             )
-        self._CheckInertias(plant)
-        return plant
+        if controlled:
+            Refuse(
+                "file",
+                self.file,
+                f"an arm of motors without position control, unlike {controlled[0]}; "
+                "add_motors: true makes them motors",
+            )
 
     def _CheckInertias(self, plant: MultibodyPlant) -> None:
         """Refuses a link that a joint moves although it has no inertia."""
@@ -94,20 +131,28 @@ class ArmConfig(DrivenArmConfig):
     def _ReadFile(self) -> str:
         """Returns the text of the model file; refuses what Drake would ignore in it."""
         if not IsGiven(self.file) or Path(self.file).suffix not in _SUFFIXES:
-            Refuse("file", self.file, "the path of an .sdf or .urdf file")
+            Refuse("file", self.file, "the path of an .sdf, .urdf or .xml file")
         text = ReadText(self.file, f"file = {Show(self.file)}")
-        # Drake ignores these constraints, which a continuous plant does not support.
-        for constraint in ("mimic", "loop_joint"):
+        # Drake ignores constraints, which a continuous plant does not support.
+        for constraint in ("loop_joint", "connect", "weld"):
             if re.search(rf"<(drake:)?{constraint}\b", text):
                 Refuse("file", self.file, f"without constraints ({constraint})")
+        free = [name for name in CoupledJoints(text) if name not in self.locked]
+        if free:
+            names = ", ".join(free)
+            Refuse("locked", self.locked, f"with {names}, which the file couples")
         return text
 
-    def _Parse(self, parser: Parser, text: str) -> list[ModelInstanceIndex]:
-        """Adds the models of the file to the parser's plant."""
+    def _Parse(self, parser: Parser, text: str) -> ModelInstanceIndex:
+        """Adds the model of the file to the parser's plant."""
         # Drake parses SDF fifty times faster as text, where it finds no other files.
         if self.file.endswith(".sdf") and not re.search(r"<uri\b", text):
-            return parser.AddModelsFromString(text, "sdf")
-        return parser.AddModels(self.file)
+            models = parser.AddModelsFromString(text, "sdf")
+        else:
+            models = parser.AddModels(self.file)
+        if len(models) != 1:
+            Refuse("file", self.file, f"a file of one model, not of {len(models)}")
+        return models[0]
 
     def _MarkTool(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
         """Adds a frame TOOL at the tool frame's origin, unless that is its name."""
@@ -124,26 +169,3 @@ class ArmConfig(DrivenArmConfig):
             )
         frame = plant.GetFrameByName(name, instance)
         plant.AddFrame(FixedOffsetFrame(TOOL, frame, RigidTransform(), instance))
-
-
-def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-    """Welds a model to the world's origin unless a joint connects it to the world."""
-    joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
-    if any(joint.parent_body().index() == 0 for joint in joints):
-        return
-    children = {joint.child_body().index() for joint in joints}
-    bases = [i for i in plant.GetBodyIndices(instance) if i not in children]
-    if len(bases) == 1:
-        plant.WeldFrames(plant.world_frame(), plant.get_body(bases[0]).body_frame())
-
-
-def _AddMotors(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-    """Adds an actuator to each joint of one degree of freedom that has none."""
-    driven = {
-        int(plant.get_joint_actuator(i).joint().index())
-        for i in plant.GetJointActuatorIndices()
-    }
-    for i in plant.GetJointIndices(instance):
-        joint = plant.get_joint(i)
-        if joint.num_velocities() == 1 and int(i) not in driven:
-            plant.AddJointActuator(f"{joint.name()}_motor", joint)

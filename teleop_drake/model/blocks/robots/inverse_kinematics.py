@@ -19,6 +19,9 @@ TOOL = "tool"
 _TOLERANCE = 1e-6
 """Largest distance in m of the tool from a point that counts as reached."""
 
+_FIXED = 1e-9
+"""Largest motion in m of the tool per rad or m of the joints that counts as none."""
+
 _MINIMUM_CONDITION = 0.01
 """Smallest allowed ratio of the smallest to the largest singular value of the tool's
 Jacobian. Assumed; the limit of the two-link arm, |sin(q2)| >= 0.05, is about the
@@ -80,6 +83,7 @@ def SolveInverseKinematics(
         posture + scale * rng.uniform(-1, 1, posture.shape)
         for scale in np.linspace(0.0, 2.0, _NUM_GUESSES)
     ]
+    target.RefuseFixed(guesses)
     found = (target.Solve(guess) for guess in guesses)
     q = next((q for q in found if q is not None), None)
     if q is None:
@@ -173,6 +177,23 @@ class _Target:
         program.SetInitialGuess(problem.q(), guess)
         result = Solve(program)
         return np.array(result.GetSolution(problem.q())), result.is_success()
+
+    def RefuseFixed(self, guesses: Sequence[Array]) -> None:
+        """Refuses a tool that no joint moves along one of the task axes."""
+        n = self._p.size
+        rows = [self.At(guess)[1][:n] for guess in guesses]
+        reach = np.abs(rows).max(axis=(0, 2), initial=0.0)
+        fixed = [axis for axis, r in zip("xyz", reach, strict=False) if r < _FIXED]
+        if not fixed:
+            return
+        allowed = "of a tool that moves: the tool does not move with any joint"
+        if len(fixed) < n:
+            others = ", ".join(axis for axis in "xyz"[:n] if axis not in fixed)
+            allowed = (
+                f"along axes in which a joint moves the tool, here {others} only; "
+                "`base` of an arm turns it"
+            )
+        Refuse("start", self._p, allowed)
 
     def RefuseUnreachable(self, guesses: Sequence[Array]) -> NoReturn:
         """Refuses the point; the message has the smallest distance of the tool."""

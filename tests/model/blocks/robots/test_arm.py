@@ -167,7 +167,11 @@ LOOP = (
             ('<joint name="wrist"', LOOP),
             "robot.file = '.*': must be a model of one open",
         ),
-        (("<dynamics", '<mimic joint="turn"/><dynamics'), "without constraints .mimic"),
+        (
+            ("<dynamics", '<mimic joint="turn"/><dynamics'),
+            r"robot.locked = \[\]: must be with elbow, shoulder, turn, which the",
+        ),
+        (("</robot>", "<loop_joint/></robot>"), "without constraints .loop_joint"),
     ],
 )
 def test_files_that_are_no_arm(change, message, tmp_path):
@@ -262,7 +266,7 @@ def test_motors_may_have_any_order(tmp_path):
     [
         ({"start": [2.0, 0.0, 0.2]}, "the tool, which comes no nearer than 1.3"),
         ({"start": [0.6999, 0.0, 0.2]}, "singular poses .* smallest singular value"),
-        ({"file": None}, "robot.file = null: must be the path of an .sdf or .urdf"),
+        ({"file": None}, "robot.file = null: must be the path of an .sdf, .urdf"),
         ({"file": "no.urdf"}, "robot.file = 'no.urdf': must be readable .No such file"),
         ({"posture": [0.0]}, r"robot.posture = \[0.0\]: must be a list of 3 finite"),
         ({"gravity": [-9.81]}, r"robot.gravity = \[-9.81\]: must be a list of 3 fin"),
