@@ -15,6 +15,7 @@ from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.run import Job
 from teleop_drake.simulation.system_run import (
+    CheckPeriod,
     MakeJob,
     NoteOnDrake,
     NotesOnBlocks,
@@ -75,13 +76,20 @@ class CompiledSystem:
         # Evaluators of other programs, which some numbers need.
         self._others: list[Evaluator] = []
 
-    def Run(self, duration: float | None = None, **numbers: ArrayLike) -> Recording:
+    def Run(
+        self,
+        duration: float | None = None,
+        *,
+        publish_period: float | None = None,
+        **numbers: ArrayLike,
+    ) -> Recording:
         """Simulates the System with other numbers.
 
             recording = pendulum.Run(**{"plant.length": 2.0})
 
         Args:
             duration: The duration, s; None: as given for the compilation.
+            publish_period: As for simulate().
             numbers: New values by the names of NamedParameters() and ScalarsIn(),
                 or `delay` for all delays.
 
@@ -93,6 +101,8 @@ class CompiledSystem:
         if duration is not None:
             CheckNumber("duration", duration, "s", above=0)
             job = job._replace(duration=duration)
+        CheckPeriod(publish_period)
+        job = job._replace(publish_period=publish_period)
         self._compiled = self._compiled.ReadAnew()
         return self._Run(job, self._With(job.context, numbers))
 

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.engine.flatten import UnreadableLeaf
-from teleop_drake.numerics.step_polynomials import finite_part
+from teleop_drake.numerics.step_polynomials import finite_part, thinned
 from teleop_drake.parameters import CheckNumbers
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.signals import SelectSignals, Signals
@@ -40,6 +40,7 @@ def SimulateSystem(
     engine: str,
     signals: Signals | None,
     suppress_initialization_events: bool,
+    publish_period: float | None,
 ) -> Recording:
     """Simulates a System; see simulate(), which describes the arguments."""
     job = MakeJob(
@@ -50,6 +51,7 @@ def SimulateSystem(
         progress,
         signals,
         suppress_initialization_events=suppress_initialization_events,
+        publish_period=publish_period,
     )
     CheckInputs(job.diagram, job.context)
     run, notes = RunJob(job, engine)
@@ -65,6 +67,7 @@ def MakeJob(
     signals: Signals | None = None,
     *,
     suppress_initialization_events: bool = False,
+    publish_period: float | None = None,
 ) -> Job:
     """Returns the specification of a System's run; None stands for a default.
 
@@ -73,6 +76,7 @@ def MakeJob(
             System, or if it has a number that is not allowed.
     """
     CheckNumber("duration", duration, "s", above=0)
+    CheckPeriod(publish_period)
     assert duration is not None
     config = simulator or DefaultSimulator()
     if context is None:
@@ -90,7 +94,14 @@ def MakeJob(
         progress=progress,
         suppress_initialization_events=suppress_initialization_events,
         has_events=True,
+        publish_period=publish_period,
     )
+
+
+def CheckPeriod(publish_period: float | None) -> None:
+    """Refuses a time between rows that is not positive."""
+    if publish_period is not None:
+        CheckNumber("publish_period", publish_period, "s", above=0)
 
 
 def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
@@ -184,7 +195,16 @@ def RecordingOf(
     make_final = run.make_final_context
     if make_final is None:
         notes.append(no_final_context)
-    recording = Recording(**FieldsOf(job.config, run), events=[])
+    fields = FieldsOf(job.config, run)
+    period = job.publish_period
+    if period is not None:
+        names = ("time", "signals", "steps")
+        fields |= dict(zip(names, thinned(run.series, period), strict=True))
+        notes.append(
+            f"Rows every {period:g} s (publish_period): between them signals are "
+            "straight lines."
+        )
+    recording = Recording(**fields, events=[])
     later: dict[str, Callable[[Recording], Any]] = {
         "events": lambda _: run.find_events(),
         "notes": lambda _: NotesOn(run) + notes + _NotesOnKinks(run),
@@ -192,6 +212,9 @@ def RecordingOf(
     if make_final is not None:
         later["final_context"] = lambda _: make_final()
     recording.FindLater(later)
+    if period is not None:
+        # Until they are found, they keep all rows.
+        recording.KeepSignals(recording.signals)
     return recording
 
 
