@@ -165,6 +165,7 @@ class Evaluator:
         has_own = any(IsPlainLeaf(block.system) for block in self.blocks)
         if has_own and len(self._left_out) == len(self.blocks):
             raise UnsupportedSystem(system, "nothing in it has a signal or a state")
+        self._without_kernel = frozenset(obstacles)
         self.left_out = [self.blocks[i].path for i in sorted(self._left_out)]
         for i, block in enumerate(self.blocks):
             is_left_out = i in self._left_out
@@ -223,6 +224,38 @@ class Evaluator:
             other._SetProgram(Program(self.blocks, in_order), [self, *kept])
         if inserted is not None:
             other._added = inserted.contexts
+        return other
+
+    def Detached(self) -> "Evaluator":
+        """Returns an evaluator without its systems; see AttachedTo()."""
+        other = copy.copy(self)
+        del other.system
+        other.blocks = []
+        other._added = {}
+        other.program = self.program.WithBlocks([])
+        return other
+
+    def AttachedTo(self, system: System, context: Context) -> "Evaluator":
+        """Returns a detached evaluator of machine code with its systems again.
+
+        Args:
+            system: The diagram from which it was detached, which has not changed.
+            context: A Context with the same numbers.
+
+        Raises:
+            UnsupportedSystem: If a block has an event that its kernel does not have.
+        """
+        other = copy.copy(self)
+        other.system = system
+        other.blocks = Flatten(system)
+        other.program = self.program.WithBlocks(other.blocks)
+        contexts = ContextsIn(system, context)
+        for i, block in enumerate(other.blocks):
+            if i not in self._without_kernel:
+                kernel = self.program.kernels[i]
+                is_sink = i in self._left_out
+                own = contexts[block.system]
+                CheckEvents(block.system, kernel, own, is_sink=is_sink)
         return other
 
     def ContextsIn(self, context: Context) -> dict[System, Context]:

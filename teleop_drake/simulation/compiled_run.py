@@ -64,6 +64,7 @@ class CompiledDiagram:
             there is no such code.
         parts: Systems that replace systems of the diagram, by their paths.
         has_constants: Whether constants of systems differ from those of the diagram.
+        problems: The problem of the last run, by the time of its end.
     """
 
     diagram: System
@@ -77,7 +78,7 @@ class CompiledDiagram:
     is_checked: bool
     parts: Mapping[str, System] = field(default_factory=dict)
     has_constants: bool = False
-    _problems: dict[float, Packed] = field(default_factory=dict, init=False)
+    problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     @cached_property
     def systems(self) -> dict[str, System]:
@@ -99,11 +100,12 @@ class CompiledDiagram:
 
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
         """Returns a new run, not begun yet, whose last possible time is `end` in s."""
-        problem = self._problems.get(end)
+        problem = self.problems.get(end)
         if problem is None:
             program = self.evaluator.program
             problem = MakeProblem(program, self.start.t, end, self.past)
-            self._problems = {end: problem}
+            self.problems.clear()
+            self.problems[end] = problem
         draws: list[Draw] = []
         if self._random_sources:
             draws = TakeDraws(self.evaluator, self.context.Clone(), end)
@@ -188,7 +190,7 @@ class CompiledDiagram:
             ) from error
         if constants and not suppress_initialization_events:
             SetInitialModes(evaluator, start)
-        compiled = _StartingAt(start, self.diagram, evaluator, self.signals, places)
+        compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
         if constants:
             compiled.is_checked = True
             compiled.has_constants = True
@@ -207,7 +209,7 @@ class CompiledDiagram:
         except UnsupportedSystem as error:
             raise CannotCompile(str(error)) from error
         places = SignalPlaces(evaluator, self.signals)
-        return _StartingAt(self.context, self.diagram, evaluator, self.signals, places)
+        return StartingAt(self.context, self.diagram, evaluator, self.signals, places)
 
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
@@ -282,10 +284,10 @@ def CompileDiagram(
         places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    return _StartingAt(context, diagram, evaluator, signals, places)
+    return StartingAt(context, diagram, evaluator, signals, places)
 
 
-def _StartingAt(
+def StartingAt(
     context: Context,
     diagram: System,
     evaluator: Evaluator,

@@ -53,8 +53,17 @@ def SimulateSystem(
         suppress_initialization_events=suppress_initialization_events,
         publish_period=publish_period,
     )
-    CheckInputs(job.diagram, job.context)
-    run, notes = RunJob(job, engine)
+    compiled = None
+    if engine != "drake":
+        from teleop_drake.simulation.kept_diagrams import KeptDiagram
+
+        compiled = KeptDiagram(job)
+    if compiled is None:
+        CheckInputs(job.diagram, job.context)
+        run, notes = RunJob(job, engine)
+    else:
+        run = compiled.Run(job)
+        notes = NotesOnBlocks(compiled.evaluator)
     return RecordingOf(job, run, notes)
 
 
@@ -110,6 +119,7 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     if engine != "drake":
         from teleop_drake.engine.check import ReadingDisagrees
         from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
+        from teleop_drake.simulation.kept_diagrams import Keep
 
         try:
             compiled = CompileDiagram(
@@ -119,6 +129,7 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 job.context,
                 suppress_initialization_events=job.suppress_initialization_events,
             )
+            Keep(job, compiled)
             return compiled.Run(job), NotesOnBlocks(compiled.evaluator)
         except (CannotCompile, ReadingDisagrees) as error:
             notes = [NoteOnDrake(error)]
