@@ -91,6 +91,7 @@ _PLACES = {
     "blocks.systems.posture_hold": ["PostureHold"],
     "blocks.systems.sampled_sensor": ["SampledSensor"],
     "blocks.systems.tool_interface": ["ToolInterface"],
+    "blocks.systems.trajectory_source": ["TrajectorySource"],
     "laws.backstepping": ["BacksteppingGains"],
     "laws.gaussian_network": ["GaussianNetwork"],
     "laws.operator": ["HumanOperator"],

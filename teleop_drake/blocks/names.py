@@ -89,6 +89,7 @@ from teleop_drake.blocks.systems.network_tracking_controller import (
 from teleop_drake.blocks.systems.posture_hold import PostureHold
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.blocks.systems.tool_interface import ToolInterface
+from teleop_drake.blocks.systems.trajectory_source import TrajectorySource
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.operator import HumanOperator
