@@ -14,7 +14,7 @@ from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.contexts import ContextsIn, SetDiscreteState
 from teleop_drake.engine.check import CheckVisited, HoldsOwnCode
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import OutputOf, UnsupportedSystem
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.past import CanWritePast, ReadPast, WritePast
 from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
 from teleop_drake.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
@@ -38,9 +38,15 @@ from teleop_drake.simulation.run import (
     Outcome,
     Pace,
 )
+from teleop_drake.simulation.signal_places import SignalPlaces, UnknownSignals
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.validation import ScenarioError, Show
+
+_OMITTED = (
+    "not in a compiled run, because they are results of the last step of a discrete "
+    'plant. engine="drake" records them.'
+)
 
 
 class CannotCompile(ScenarioError):
@@ -64,6 +70,7 @@ class CompiledDiagram:
             there is no such code.
         parts: Systems that replace systems of the diagram, by their paths.
         has_constants: Whether constants of systems differ from those of the diagram.
+        omitted: The names of signals that are not recorded.
         problems: The problem of the last run, by the time of its end.
     """
 
@@ -78,6 +85,7 @@ class CompiledDiagram:
     is_checked: bool
     parts: Mapping[str, System] = field(default_factory=dict)
     has_constants: bool = False
+    omitted: Sequence[str] = ()
     problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -130,6 +138,8 @@ class CompiledDiagram:
         """
         run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places, self.systems)
+        if self.omitted:
+            outcome.notes = [f"{', '.join(self.omitted)}: {_OMITTED}"]
         if job.has_events:
             outcome.find_events = partial(_FindEvents, run, job, outcome)
         if self._has_final_context:
@@ -191,6 +201,7 @@ class CompiledDiagram:
         if constants and not suppress_initialization_events:
             SetInitialModes(evaluator, start)
         compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
+        compiled.omitted = self.omitted
         if constants:
             compiled.is_checked = True
             compiled.has_constants = True
@@ -209,7 +220,10 @@ class CompiledDiagram:
         except UnsupportedSystem as error:
             raise CannotCompile(str(error)) from error
         places = SignalPlaces(evaluator, self.signals)
-        return StartingAt(self.context, self.diagram, evaluator, self.signals, places)
+        start = self.context
+        compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
+        compiled.omitted = self.omitted
+        return compiled
 
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
@@ -248,6 +262,7 @@ def CompileDiagram(
     like: Evaluator | None = None,
     *,
     suppress_initialization_events: bool = False,
+    may_omit: bool = False,
 ) -> CompiledDiagram:
     """Compiles a diagram, or a block by itself.
 
@@ -259,6 +274,8 @@ def CompileDiagram(
         like: The evaluator of another diagram, whose machine code is reused if it is
             the same.
         suppress_initialization_events: As in Job.
+        may_omit: Whether outputs of a discrete plant need not be recorded that are
+            results of its last step, which a program does not store.
 
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
@@ -281,10 +298,14 @@ def CompileDiagram(
             like=like,
             recorded=signals.values(),
         )
+        omitted = UnknownSignals(evaluator, signals) if may_omit else []
+        signals = {name: x for name, x in signals.items() if name not in omitted}
         places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    return StartingAt(context, diagram, evaluator, signals, places)
+    compiled = StartingAt(context, diagram, evaluator, signals, places)
+    compiled.omitted = omitted
+    return compiled
 
 
 def StartingAt(
@@ -470,25 +491,3 @@ def _ReasonOf(run: CompiledRun) -> str:
     if not (IsArithmetic(run.error) or not run.is_finite):
         raise run.error
     return ReasonOfDivergence(run.error, has_error_control=True)
-
-
-def SignalPlaces(
-    evaluator: Evaluator, signals: Mapping[str, OutputPort]
-) -> dict[str, slice]:
-    """Returns the columns of each signal in a row, by its name.
-
-    Args:
-        signals: The output port of each signal, by name.
-
-    Raises:
-        UnsupportedSystem: If the kernel of a block lacks one of the signals.
-    """
-    places = {}
-    for name, port in signals.items():
-        index = int(port.get_index())
-        source = OutputOf(evaluator.blocks, port.get_system(), index)
-        if source not in evaluator.program.signals:
-            block = evaluator.blocks[source.block].system
-            raise UnsupportedSystem(block, f"its kernel has no output {source.port}")
-        places[name] = evaluator.program.signals[source]
-    return places

@@ -72,6 +72,7 @@ class CompiledSystem:
             self._job.signals,
             self._job.context,
             suppress_initialization_events=suppress_initialization_events,
+            may_omit=self._job.has_default_signals,
         )
         # Evaluators of other programs, which some numbers need.
         self._others: list[Evaluator] = []
@@ -123,6 +124,7 @@ class CompiledSystem:
                 context=compiled.context, suppress_initialization_events=True
             )
             return RecordingOf(job, RunInDrake(job), [NoteOnDrake(error)])
+        notes += outcome.notes
         if compiled.has_constants:
             return RecordingOf(job, outcome, notes, _HAS_CONSTANTS)
         return RecordingOf(job, outcome, notes)

@@ -61,6 +61,8 @@ class Job(NamedTuple):
         has_events: Whether the events that blocks locate are found.
         publish_period: The time between the rows of the recording, s; None: the rows
             are those of the steps.
+        has_default_signals: Whether nobody has chosen the signals, so that a compiled
+            run may omit some.
     """
 
     diagram: System
@@ -73,6 +75,7 @@ class Job(NamedTuple):
     suppress_initialization_events: bool = False
     has_events: bool = False
     publish_period: float | None = None
+    has_default_signals: bool = False
 
     @property
     def start(self) -> float:

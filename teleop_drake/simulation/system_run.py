@@ -100,6 +100,7 @@ def MakeJob(
         config=config,
         duration=duration,
         signals=SelectSignals(system, signals),
+        has_default_signals=signals is None,
         progress=progress,
         suppress_initialization_events=suppress_initialization_events,
         has_events=True,
@@ -128,9 +129,11 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 job.signals,
                 job.context,
                 suppress_initialization_events=job.suppress_initialization_events,
+                may_omit=job.has_default_signals,
             )
             Keep(job, compiled)
-            return compiled.Run(job), NotesOnBlocks(compiled.evaluator)
+            run = compiled.Run(job)
+            return run, [*NotesOnBlocks(compiled.evaluator), *run.notes]
         except (CannotCompile, ReadingDisagrees) as error:
             notes = [NoteOnDrake(error)]
     from teleop_drake.simulation.drake_run import RunInDrake
