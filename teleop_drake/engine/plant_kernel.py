@@ -89,6 +89,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
 
     The kernel of a discrete plant has only the outputs that are states. The plant's
     other outputs are results of its last step, which a compiled program does not store.
+    It has no limits of joints, see plant_limits.
 
     Args:
         plant: The plant.
@@ -96,7 +97,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
 
     Raises:
         UnsupportedSystem: If the plant has other joints, or a force, constraint,
-            contact, joint limit, lock or controller that the kernel does not describe.
+            contact, lock or controller that the kernel does not describe.
     """
     for reason in (*NoTree(plant), *_Obstacles(plant, context)):
         raise UnsupportedSystem(plant, reason)
@@ -170,7 +171,6 @@ def _IdleInputs(
 
 def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
     """Yields the reasons why a plant does not move as a RigidBodyTree."""
-    is_discrete = plant.time_step() > 0
     for element in ForceElements(plant):
         if not IsSpring(element):
             yield (
@@ -187,10 +187,6 @@ def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
             yield "its bodies can collide"
     for joint_index in plant.GetJointIndices():
         joint = plant.get_joint(joint_index)
-        limits = joint.position_lower_limits(), joint.position_upper_limits()
-        # A continuous plant ignores the limits of its joints.
-        if is_discrete and np.isfinite(limits).any():
-            yield f"it is discrete, and joint {joint.name()} has limits"
         if joint.is_locked(context):
             yield f"joint {joint.name()} is locked"
     for actuator_index in plant.GetJointActuatorIndices():

@@ -135,9 +135,11 @@ class CompiledDiagram:
 
         Raises:
             KernelDisagrees: If the machine code does not compute what the diagram does.
+            NearLimit: If a joint of a discrete plant comes near to its limit.
         """
         run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places, self.systems)
+        self.evaluator.CheckLimits(*run.Rows())
         if self.omitted:
             outcome.notes = [f"{', '.join(self.omitted)}: {_OMITTED}"]
         if job.has_events:
@@ -263,6 +265,7 @@ def CompileDiagram(
     *,
     suppress_initialization_events: bool = False,
     may_omit: bool = False,
+    ignores_limits: bool = False,
 ) -> CompiledDiagram:
     """Compiles a diagram, or a block by itself.
 
@@ -276,6 +279,7 @@ def CompileDiagram(
         suppress_initialization_events: As in Job.
         may_omit: Whether outputs of a discrete plant need not be recorded that are
             results of its last step, which a program does not store.
+        ignores_limits: Whether the caller expects NearLimit of a run.
 
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
@@ -297,6 +301,7 @@ def CompileDiagram(
             as_machine_code=True,
             like=like,
             recorded=signals.values(),
+            ignores_limits=ignores_limits,
         )
         omitted = UnknownSignals(evaluator, signals) if may_omit else []
         signals = {name: x for name, x in signals.items() if name not in omitted}

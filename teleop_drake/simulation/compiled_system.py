@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.engine.check import ReadingDisagrees
 from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.plant_limits import NearLimit
 from teleop_drake.recording import Recording
 from teleop_drake.signals import Signals, SystemsByPath
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
@@ -73,6 +74,7 @@ class CompiledSystem:
             self._job.context,
             suppress_initialization_events=suppress_initialization_events,
             may_omit=self._job.has_default_signals,
+            ignores_limits=True,
         )
         # Evaluators of other programs, which some numbers need.
         self._others: list[Evaluator] = []
@@ -117,7 +119,7 @@ class CompiledSystem:
         notes = NotesOnBlocks(compiled.evaluator)
         try:
             outcome = compiled.Run(job)
-        except ReadingDisagrees as error:
+        except (ReadingDisagrees, NearLimit) as error:
             if compiled.has_constants:
                 raise
             job = job._replace(

@@ -119,6 +119,7 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     notes: list[str] = []
     if engine != "drake":
         from teleop_drake.engine.check import ReadingDisagrees
+        from teleop_drake.engine.plant_limits import NearLimit
         from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
         from teleop_drake.simulation.kept_diagrams import Keep
 
@@ -130,11 +131,12 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 job.context,
                 suppress_initialization_events=job.suppress_initialization_events,
                 may_omit=job.has_default_signals,
+                ignores_limits=True,
             )
             Keep(job, compiled)
             run = compiled.Run(job)
             return run, [*NotesOnBlocks(compiled.evaluator), *run.notes]
-        except (CannotCompile, ReadingDisagrees) as error:
+        except (CannotCompile, ReadingDisagrees, NearLimit) as error:
             notes = [NoteOnDrake(error)]
     from teleop_drake.simulation.drake_run import RunInDrake
 

@@ -5,7 +5,11 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.plant import (
+    DiscreteContactApproximation,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import (
     BallRpyJoint,
     DoorHinge,
@@ -27,6 +31,7 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.plant_kernel import PlantKernel
+from teleop_drake.engine.plant_limits import LimitsOf, NearLimit
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compile import Compile
@@ -197,11 +202,68 @@ def door(plant):
     plant.AddForceElement(DoorHinge(plant.AddJoint(joint), DoorHingeConfig()))
 
 
-def limited(plant):
+def limited(plant, limit=1.0):
     frame = body(plant, "link", default_model_instance()).body_frame()
     plant.AddJoint(
-        RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1], -1.0, 1.0)
+        RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1], -limit, limit)
     )
+
+
+def hinge(approximation, limit):
+    """Returns a discrete plant with a hinge that has a limit."""
+    plant = MultibodyPlant(0.001)
+    kind = DiscreteContactApproximation.__members__[approximation]
+    plant.set_discrete_contact_approximation(kind)
+    limited(plant, limit)
+    plant.Finalize()
+    return plant
+
+
+def test_a_joint_that_comes_to_its_limit_runs_in_drake():
+    """The limit of 1 rad is reached after 0.5 s by a hinge that turns at 2 rad/s."""
+    plant = MultibodyPlant(0.001)
+    limited(plant)
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match="joint hinge has limits"):
+        Evaluator(plant, plant.CreateDefaultContext())
+    context = plant.CreateDefaultContext()
+    plant.SetVelocities(context, [2.0])
+    within = simulate(plant, context=context, duration=0.49, signals=["state"])
+    assert within.solver.engine == "compiled"
+    assert within["state"][-1, 0] == pytest.approx(0.98, abs=1e-9)
+    beyond = simulate(plant, context=context, duration=0.6, signals=["state"])
+    assert beyond.solver.engine == "drake"
+    assert beyond["state"][:, 0].max() < 1.001
+    told = beyond.notes[0]
+    assert "joint hinge of MultibodyPlant comes to its limit at 0.49" in told
+    program = Compile(plant, context=context, duration=0.49, signals=["state"])
+    assert program.Run().solver.engine == "compiled"
+    assert program.Run(duration=0.6).notes[0] == told
+
+
+@pytest.mark.parametrize(
+    "approximation", sorted(DiscreteContactApproximation.__members__)
+)
+def test_drake_limits_no_joint_before_it_is_near(approximation):
+    """A fast joint moves as if it had no limit until NearLimit would be raised."""
+    paths = []
+    for limit in (1.0, np.inf):
+        plant = hinge(approximation, limit)
+        simulator = Simulator(plant)
+        context = simulator.get_mutable_context()
+        plant.SetVelocities(context, [30.0])
+        rows = []
+        for k in range(1, 40):
+            simulator.AdvanceTo(0.001 * k + 1e-6)
+            rows.append(plant.GetPositionsAndVelocities(context))
+        paths.append(np.array(rows))
+    differs = np.abs(paths[0] - paths[1]).max(axis=1) > 1e-12
+    first = int(np.argmax(differs))
+    assert first > 10
+    with pytest.raises(NearLimit):
+        LimitsOf(hinge(approximation, 1.0)).Check(
+            "plant", np.arange(first), paths[0][:first]
+        )
 
 
 def controlled(plant):
@@ -216,7 +278,6 @@ def controlled(plant):
     [
         (ball, 0.0, "joint shoulder is ball_rpy"),
         (door, 0.0, "DoorHinge"),
-        (limited, 0.001, "joint hinge has limits"),
         (controlled, 0.001, "actuator motor has a controller"),
     ],
 )
