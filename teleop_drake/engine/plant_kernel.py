@@ -23,6 +23,11 @@ from teleop_drake.numerics import rigid_body
 from teleop_drake.numerics.rigid_body import RigidBodyTree
 from teleop_drake.wiring import InputPorts
 
+_CONTACT = (
+    "its bodies can collide; compiled are smooth plants, and contacts at a point of a "
+    "tool with the walls of this package, such as ContactWall"
+)
+
 
 def net_efforts(
     effort_limits: Array, selection: Array, actuation: Array, of_instances: Array
@@ -184,7 +189,7 @@ def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
         port = plant.get_geometry_query_input_port()
         is_known = port.HasValue(context)
         if not is_known or port.Eval(context).inspector().GetCollisionCandidates():
-            yield "its bodies can collide"
+            yield _CONTACT
     for joint_index in plant.GetJointIndices():
         joint = plant.get_joint(joint_index)
         if joint.is_locked(context):

@@ -98,7 +98,8 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     try:
         return _SymbolicReader(system, symbolic, context).Kernel()
     except (UnknownExpression, RuntimeError) as error:
-        reason = f"it has no symbolic form: {error}"
+        # Drake names a variable on which a number or a branch would depend.
+        reason = f"it has no symbolic form: {str(error).strip().splitlines()[0]}"
         raise UnsupportedSystem(system, reason) from error
 
 
