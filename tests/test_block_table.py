@@ -21,6 +21,7 @@ from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.trajectories import PiecewisePolynomial
 from slopes import YES, Ports, Slopes
 from wasm_scenarios import AssertSame
 
@@ -28,6 +29,7 @@ import teleop_drake
 from teleop_drake import (
     AbstractDelay,
     MovingWindow,
+    TrajectorySource,
     VariableTransportDelay,
 )
 from teleop_drake.loops.engine.check import Compare
@@ -101,6 +103,8 @@ def Primitives() -> Diagram:
         MovingWindow(0.2, 2),
         drake.VectorLogSink(2, 0.1),
     ]
+    ramp = PiecewisePolynomial.FirstOrderHold([0.05, 0.3], [[0.0, 1.0]])
+    builder.AddNamedSystem("ramp", TrajectorySource(ramp, 1))
     noise = drake.RandomSource(RandomDistribution.kGaussian, 2, 0.1)
     builder.AddNamedSystem("noise", noise)
     for i, system in enumerate(row):

@@ -1,9 +1,10 @@
 """Imports the names of teleop_drake.blocks from the modules that define them."""
 
+from teleop_drake.loops.blocks.moving_window import MovingWindow
+from teleop_drake.loops.blocks.trajectory_source import TrajectorySource
 from teleop_drake.loops.delays.abstract import AbstractDelay
 from teleop_drake.loops.delays.base import ChannelConfig
 from teleop_drake.loops.delays.conveyor import VariableTransportDelay
-from teleop_drake.loops.delays.moving_window import MovingWindow
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.packet_options import Receiver

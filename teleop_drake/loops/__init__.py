@@ -10,11 +10,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from teleop_drake.loops.blocks.moving_window import MovingWindow as MovingWindow
+    from teleop_drake.loops.blocks.trajectory_source import (
+        TrajectorySource as TrajectorySource,
+    )
     from teleop_drake.loops.delays.abstract import AbstractDelay as AbstractDelay
     from teleop_drake.loops.delays.conveyor import (
         VariableTransportDelay as VariableTransportDelay,
     )
-    from teleop_drake.loops.delays.moving_window import MovingWindow as MovingWindow
     from teleop_drake.loops.delays.network import NetworkDelay as NetworkDelay
     from teleop_drake.loops.delays.packet_network import PacketNetwork as PacketNetwork
     from teleop_drake.loops.delays.sampled import SampledDelay as SampledDelay
@@ -43,13 +46,14 @@ _PLACES = {
     "LinearizePorts": "linear.ports",
     "MakePage": "page.diagram_page",
     "MakeSimulator": "run.simulator",
-    "MovingWindow": "delays.moving_window",
+    "MovingWindow": "blocks.moving_window",
     "NamedParameters": "engine.parameters",
     "NetworkDelay": "delays.network",
     "PacketNetwork": "delays.packet_network",
     "Recording": "run.recording",
     "SampledDelay": "delays.sampled",
     "ScenarioError": "framework.validation",
+    "TrajectorySource": "blocks.trajectory_source",
     "TransportDelay": "delays.transport",
     "VariableDelay": "delays.variable",
     "VariableTransportDelay": "delays.conveyor",

@@ -24,10 +24,21 @@ from pydrake.examples import (
     StabilizingLQRController,
     VanDerPolOscillator,
 )
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import HalfSpace, SceneGraph, Sphere
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    CoulombFriction,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import (
+    LinearSpringDamper,
+    PrismaticJoint,
+    PrismaticSpring,
+    SpatialInertia,
+    UnitInertia,
+)
 from pydrake.symbolic import Variable
 from pydrake.systems import primitives as drake
 from pydrake.systems.controllers import PidControlledSystem, PidController
@@ -271,6 +282,45 @@ def DoublePendulumInSteps(builder):
     return {plant: [1.0, 0.3, 0.0, 0.0]}
 
 
+def SprungMasses(builder):
+    """Two masses on a rail: one hangs on a spring, the other on a spring and damper."""
+    plant = MultibodyPlant(0.0)
+    first = Slider(plant, "first")
+    second = Slider(plant, "second", first)
+    rail = plant.GetJointByName("rail of first")
+    plant.AddForceElement(PrismaticSpring(rail, 0.1, 30.0))
+    ends = first, [0.0, 0.0, 0.0], second, [0.0, 0.0, -0.5]
+    plant.AddForceElement(LinearSpringDamper(*ends, 0.3, 10.0, 0.4))
+    plant.Finalize()
+    return {Add(builder, "plant", plant): [0.1, 0.2, 0.0, 0.0]}
+
+
+def FallingBall(builder):
+    """A ball falls along a rail onto the ground."""
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
+    plant.set_name("plant")
+    ball = Slider(plant, "ball")
+    friction = CoulombFriction(0.5, 0.5)
+    for body, shape, name in [
+        (ball, Sphere(0.1), "skin"),
+        (plant.world_body(), HalfSpace(), "ground"),
+    ]:
+        plant.RegisterCollisionGeometry(body, RigidTransform(), shape, name, friction)
+    plant.Finalize()
+    builder.ExportOutput(plant.get_state_output_port(), "state")
+    return {plant: [0.5, 0.0]}
+
+
+def Slider(plant, name, parent=None):
+    """Adds a mass that slides up and down, on the world or on another body."""
+    inertia = UnitInertia.SolidSphere(0.1)
+    body = plant.AddRigidBody(name, SpatialInertia(1.0, np.zeros(3), inertia))
+    frame = plant.world_frame() if parent is None else parent.body_frame()
+    up = [0.0, 0.0, 1.0]
+    plant.AddJoint(PrismaticJoint(f"rail of {name}", frame, body.body_frame(), up))
+    return body
+
+
 DRAKE = [
     Published("pendulum", PassivePendulum, compiles=True),
     Published("pendulum with PID", PendulumWithPid, compiles=True),
@@ -302,4 +352,6 @@ DRAKE = [
     Published("falling body", FallingBody, compiles=False),
     Published("double pendulum", DoublePendulum, compiles=True),
     Published("double pendulum in steps", DoublePendulumInSteps, compiles=True),
+    Published("sprung masses", SprungMasses, compiles=True),
+    Published("falling ball", FallingBall, compiles=False),
 ]

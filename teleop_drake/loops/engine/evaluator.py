@@ -31,6 +31,7 @@ from teleop_drake.loops.engine.flatten import (
 from teleop_drake.loops.engine.known_programs import KnownFunction, Remember
 from teleop_drake.loops.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
 from teleop_drake.loops.engine.left_out import EmptyKernel, FindLeftOut
+from teleop_drake.loops.engine.plant_limits import JointLimits, LimitsOf
 from teleop_drake.loops.engine.primitives import IsSilent
 from teleop_drake.loops.engine.program import Program
 from teleop_drake.loops.framework.arrays import Array
@@ -113,6 +114,7 @@ class Evaluator:
         needs_states: Whether a block of Drake's with a state must have a kernel even if
             no recorded signal depends on it.
         inserted: Blocks on connections of the diagram that are not part of it.
+        ignores_limits: Whether the caller compares runs with `limits`.
 
     Attributes:
         system: The diagram.
@@ -121,6 +123,7 @@ class Evaluator:
         function: The function `evaluate`: Program.Evaluate() or its machine code.
         left_out: The paths of the blocks without effect, such as logs and visualizers;
             see FindLeftOut().
+        limits: The limits of the joints of discrete plants, by the index of the plant.
         read: The paths of the blocks that a user wrote in Python without a kernel, and
             whose functions were followed.
 
@@ -141,6 +144,7 @@ class Evaluator:
         recorded: Iterable[OutputPort] | None = None,
         needs_states: bool = True,
         inserted: "Inserted | None" = None,
+        ignores_limits: bool = False,
     ):
         self.blocks = Flatten(system)
         self._added: dict[System, Context] = {}
@@ -165,6 +169,7 @@ class Evaluator:
         has_own = any(IsPlainLeaf(block.system) for block in self.blocks)
         if has_own and len(self._left_out) == len(self.blocks):
             raise UnsupportedSystem(system, "nothing in it has a signal or a state")
+        self._without_kernel = frozenset(obstacles)
         self.left_out = [self.blocks[i].path for i in sorted(self._left_out)]
         for i, block in enumerate(self.blocks):
             is_left_out = i in self._left_out
@@ -177,6 +182,11 @@ class Evaluator:
             if is_left_out:
                 kernels[i] = EmptyKernel(block.system)
             kernels[i] = self._Extended(block.system, kernels[i])
+        self.limits = self._ReadLimits()
+        if self.limits and not ignores_limits:
+            i, limits = next(iter(self.limits.items()))
+            reason = f"it is discrete, and joint {limits.Limited()} has limits"
+            raise UnsupportedSystem(self.blocks[i].system, reason)
         in_order = [kernels[i] for i, _ in enumerate(self.blocks)]
         self._SetProgram(Program(self.blocks, in_order), [like] if like else [])
 
@@ -223,6 +233,38 @@ class Evaluator:
             other._SetProgram(Program(self.blocks, in_order), [self, *kept])
         if inserted is not None:
             other._added = inserted.contexts
+        return other
+
+    def Detached(self) -> "Evaluator":
+        """Returns an evaluator without its systems; see AttachedTo()."""
+        other = copy.copy(self)
+        del other.system
+        other.blocks = []
+        other._added = {}
+        other.program = self.program.WithBlocks([])
+        return other
+
+    def AttachedTo(self, system: System, context: Context) -> "Evaluator":
+        """Returns a detached evaluator of machine code with its systems again.
+
+        Args:
+            system: The diagram from which it was detached, which has not changed.
+            context: A Context with the same numbers.
+
+        Raises:
+            UnsupportedSystem: If a block has an event that its kernel does not have.
+        """
+        other = copy.copy(self)
+        other.system = system
+        other.blocks = Flatten(system)
+        other.program = self.program.WithBlocks(other.blocks)
+        contexts = ContextsIn(system, context)
+        for i, block in enumerate(other.blocks):
+            if i not in self._without_kernel:
+                kernel = self.program.kernels[i]
+                is_sink = i in self._left_out
+                own = contexts[block.system]
+                CheckEvents(block.system, kernel, own, is_sink=is_sink)
         return other
 
     def ContextsIn(self, context: Context) -> dict[System, Context]:
@@ -319,6 +361,15 @@ class Evaluator:
         if not self._readers:
             Remember(program, self.function)
 
+    def _ReadLimits(self) -> dict[int, JointLimits]:
+        """Returns the limits of the plants that are not left out."""
+        found = {
+            i: LimitsOf(block.system)
+            for i, block in enumerate(self.blocks)
+            if i not in self._left_out
+        }
+        return {i: limits for i, limits in found.items() if limits is not None}
+
     def _HasKnownEvents(self, i: int) -> bool:
         """Returns whether the events of a block were found as its functions were."""
         return i in self._readers and not self._readers[i].is_symbolic
@@ -355,6 +406,20 @@ class Evaluator:
             if reader.may_jump:
                 reason = "it is a function of time that may jump, and there is a delay"
                 raise UnreadableLeaf(reader.system, reason)
+
+    def CheckLimits(self, times: Array, rows: Array) -> None:
+        """Refuses a run in which a joint of a discrete plant comes near to its limit.
+
+        Args:
+            times: The times of the rows, s (N).
+            rows: The signals y in the rows (N, num_y).
+
+        Raises:
+            NearLimit: If one does.
+        """
+        for i, limits in self.limits.items():
+            place = self.program.signals[Source(i, "state")]
+            limits.Check(self.blocks[i].path, times, rows[:, place])
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None

@@ -40,11 +40,11 @@ def KnownFunction(program: Program) -> Callable[..., Any] | None:
 def Remember(program: Program, function: Callable[..., Any]) -> None:
     """Keeps the machine code of a program that calls functions of this package only."""
     laws = program.laws
-    if all(map(_IsOfPackage, laws)):
+    if all(map(IsOfPackage, laws)):
         _KNOWN.appendleft(_Known(laws, program.structure, function))
 
 
-def _IsOfPackage(law: Any) -> bool:
+def IsOfPackage(law: Any) -> bool:
     """Returns whether a law is a function of this package that holds no values."""
     if isinstance(law, Tape):
         return True

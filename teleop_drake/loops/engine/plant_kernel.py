@@ -10,12 +10,23 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, PortDataType
 
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.plant_springs import (
+    ForceElements,
+    IsSpring,
+    ReadSprings,
+    forces_with_springs,
+)
 from teleop_drake.loops.engine.plant_tree import NoTree, ReadPlantTree
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.wiring import InputPorts
 from teleop_drake.loops.kernel import Kernel, Term, Transition
 from teleop_drake.loops.numerics import rigid_body
 from teleop_drake.loops.numerics.rigid_body import RigidBodyTree
+
+_CONTACT = (
+    "its bodies can collide; compiled are smooth plants, and contacts at a point of a "
+    "tool with the walls of this package, such as ContactWall"
+)
 
 
 def net_efforts(
@@ -83,6 +94,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
 
     The kernel of a discrete plant has only the outputs that are states. The plant's
     other outputs are results of its last step, which a compiled program does not store.
+    It has no limits of joints, see plant_limits.
 
     Args:
         plant: The plant.
@@ -90,11 +102,12 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
 
     Raises:
         UnsupportedSystem: If the plant has other joints, or a force, constraint,
-            contact, joint limit, lock or controller that the kernel does not describe.
+            contact, lock or controller that the kernel does not describe.
     """
     for reason in (*NoTree(plant), *_Obstacles(plant, context)):
         raise UnsupportedSystem(plant, reason)
-    tree = ReadPlantTree(plant, context).tree
+    read = ReadPlantTree(plant, context)
+    tree = read.tree
     instances = [
         multibody.ModelInstanceIndex(i) for i in range(plant.num_model_instances())
     ]
@@ -111,12 +124,21 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         net_efforts, "effort_limits", "selection", "actuation", "commands of instances"
     )  # fmt: skip
     make = _Discrete if plant.time_step() > 0 else _Continuous
-    kernel = make(plant, tree, efforts, instances)
+    applied = "applied_generalized_force"
+    outputs: dict[str, Term] = {"commands of instances": [*commands]}
+    sizes = {"commands of instances": len(actuators)}
+    if any(ForceElements(plant)):
+        parameters["springs"] = ReadSprings(plant, context, read)
+        state = "mode" if plant.time_step() > 0 else "state"
+        outputs["forces"] = (forces_with_springs, "springs", "tree", state, applied)
+        sizes["forces"] = plant.num_velocities()
+        applied = "forces"
+    kernel = make(plant, tree, efforts, applied, instances)
     return replace(
         kernel,
         parameters={**parameters, **kernel.parameters},
-        outputs={"commands of instances": [*commands], **kernel.outputs},
-        sizes={"commands of instances": len(actuators), **kernel.sizes},
+        outputs=outputs | {**kernel.outputs},
+        sizes=sizes | {**kernel.sizes},
         # No bodies can collide, so that the plant needs no geometry.
         unused=("geometry_query", *_IdleInputs(plant, instances)),
     )
@@ -154,11 +176,12 @@ def _IdleInputs(
 
 def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
     """Yields the reasons why a plant does not move as a RigidBodyTree."""
-    is_discrete = plant.time_step() > 0
-    for i in range(plant.num_force_elements()):
-        element = plant.get_force_element(multibody.ForceElementIndex(i))
-        if not isinstance(element, multibody.UniformGravityFieldElement):
-            yield f"force element {i} is a {type(element).__name__}, not gravity"
+    for element in ForceElements(plant):
+        if not IsSpring(element):
+            yield (
+                f"force element {int(element.index())} is a {type(element).__name__}, "
+                "neither gravity nor a linear spring"
+            )
     if plant.num_constraints() > 0:
         yield "it has constraints"
     if plant.num_collision_geometries() > 0:
@@ -166,13 +189,9 @@ def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
         port = plant.get_geometry_query_input_port()
         is_known = port.HasValue(context)
         if not is_known or port.Eval(context).inspector().GetCollisionCandidates():
-            yield "its bodies can collide"
+            yield _CONTACT
     for joint_index in plant.GetJointIndices():
         joint = plant.get_joint(joint_index)
-        limits = joint.position_lower_limits(), joint.position_upper_limits()
-        # A continuous plant ignores the limits of its joints.
-        if is_discrete and np.isfinite(limits).any():
-            yield f"it is discrete, and joint {joint.name()} has limits"
         if joint.is_locked(context):
             yield f"joint {joint.name()} is locked"
     for actuator_index in plant.GetJointActuatorIndices():
@@ -185,12 +204,14 @@ def _Continuous(
     plant: MultibodyPlant,
     tree: RigidBodyTree,
     efforts: Term,
+    applied: str,
     instances: list[multibody.ModelInstanceIndex],
 ) -> Kernel:
     """Returns the kernel of a continuous plant without the commands of its actuators.
 
     Args:
         efforts: The term of the actuators' efforts.
+        applied: The name of the applied generalized forces, with those of springs.
         instances: The model instances of the plant.
     """
     n = plant.num_velocities()
@@ -215,8 +236,7 @@ def _Continuous(
         parameters={"no_contact": np.zeros(n)},
         outputs=outputs,
         rate=(
-            plant_rate, "tree", "B", "state", "net_actuation",
-            "applied_generalized_force",
+            plant_rate, "tree", "B", "state", "net_actuation", applied,
         ),
     )  # fmt: skip
 
@@ -225,6 +245,7 @@ def _Discrete(
     plant: MultibodyPlant,
     tree: RigidBodyTree,
     efforts: Term,
+    applied: str,
     instances: list[multibody.ModelInstanceIndex],
 ) -> Kernel:
     """Returns the kernel of a discrete plant; see _Continuous()."""
@@ -233,8 +254,7 @@ def _Discrete(
     rotors = tree.rotor_inertias + h * tree.damping
     step = Transition(
         mode=(
-            plant_step, "tree", "B", "time_step", "mode", "efforts",
-            "applied_generalized_force",
+            plant_step, "tree", "B", "time_step", "mode", "efforts", applied,
         ),
         period=h,
         is_discrete=not plant.has_sampled_output_ports(),

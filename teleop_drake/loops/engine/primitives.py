@@ -45,6 +45,11 @@ _LONG = 1e12
 DRAW = "draw"
 """The name of the transition of a random source."""
 
+_NO_TRAJECTORY = (
+    "pydrake does not tell its trajectory; teleop_drake.TrajectorySource(trajectory) "
+    "takes its place"
+)
+
 _NO_NUMBERS = "its outputs are no vectors"
 
 _NO_KERNEL = (
@@ -71,6 +76,8 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     is_of_drake = IsOfDrake(system)
     if is_of_drake and type(system).__name__ == "JointSliders":
         return _SlidersKernel(system)
+    if is_of_drake and type(system).__name__ == "TrajectorySource":
+        raise UnsupportedSystem(system, _NO_TRAJECTORY)
     make = KERNELS.get(type(system).__name__) if is_of_drake else None
     written = None if make is None else make(system)
     if written is not None:
@@ -91,7 +98,8 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     try:
         return _SymbolicReader(system, symbolic, context).Kernel()
     except (UnknownExpression, RuntimeError) as error:
-        reason = f"it has no symbolic form: {error}"
+        # Drake names a variable on which a number or a branch would depend.
+        reason = f"it has no symbolic form: {str(error).strip().splitlines()[0]}"
         raise UnsupportedSystem(system, reason) from error
 
 

@@ -179,6 +179,18 @@ class Program:
         ]
         return other
 
+    def WithBlocks(self, blocks: Sequence[Block]) -> "Program":
+        """Returns this program, to be executed as machine code only, for other blocks.
+
+        Args:
+            blocks: The same blocks of the same diagram; empty: none, so that a program
+                that is kept holds no system.
+        """
+        other = copy.copy(self)
+        other._blocks = blocks
+        other._values = {}  # They refer to the program that has made them.
+        return other
+
     def Evaluate(
         self,
         t: float,

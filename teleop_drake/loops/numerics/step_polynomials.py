@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, Indices
+from teleop_drake.loops.numerics.instants import TIE
 
 Series = tuple[Array, dict[str, Array], Indices]
 """A recording: times (N,) in s, signals (N, k) by name, and steps (S, d + 1)."""
@@ -144,6 +145,26 @@ def part(series: Series, begin: float, end: float) -> Series:
         for name, x in signals.items():
             new_signals[name][own] = interpolate(times, x, steps[k : k + 1], nodes)
     return new_times, new_signals, steps[kept] - first
+
+
+def thinned(series: Series, period: float) -> Series:
+    """Returns the rows of a series at multiples of a period after its first instant.
+
+    The last instant is added. At a jump, a row has the values before it. Between the
+    rows the signals are straight lines.
+
+    Args:
+        series: Times (N,), signals (N, k) by name, steps.
+        period: The time between rows, s.
+    """
+    times, signals, steps = series
+    num_periods = math.floor((times[-1] - times[0]) / period + TIE)
+    new_times = times[0] + period * np.arange(num_periods + 1)
+    new_times = np.append(new_times[new_times < times[-1] - TIE * period], times[-1])
+    new_signals = {
+        name: interpolate(times, x, steps, new_times) for name, x in signals.items()
+    }
+    return new_times, new_signals, straight_steps(new_times)
 
 
 def finite_part(series: Series) -> Series:

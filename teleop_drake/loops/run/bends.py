@@ -1,6 +1,6 @@
 """Where recorded signals bend more than a polynomial between their samples follows."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -35,6 +35,9 @@ _TOLERANCE = 4e-5
 # may be signals that consist of rounding.
 _ROUNDING = 1e-13
 
+# The range of a signal is brought up to date after so many pieces at the latest.
+_MOST_AHEAD = 100
+
 _NO_SIGNAL: Indices = np.empty(0, dtype=np.intp)
 
 
@@ -52,31 +55,41 @@ class Bends:
         # The range of each component so far.
         self._lowest = np.full(sum(sizes), np.inf)
         self._highest = -self._lowest
+        self._tolerance = np.zeros(sum(sizes))
+        # Samples that are not in the range yet: with a range that is too small, a piece
+        # is followed all the more.
+        self._ahead: list[Array] = []
         self._is_followed = np.ones(len(sizes), dtype=bool)
 
-    def Find(
-        self, samples: Iterable[Sequence[Array]], checked: Sequence[Array]
-    ) -> Indices:
+    def Find(self, rows: Array) -> Indices:
         """Returns the indices of the signals that the polynomial does not follow.
 
         Args:
-            samples: The values of all signals at the five instants of the piece.
-            checked: Their values at CHECKED.
+            rows: The elements of all signals at the five instants of the piece, and at
+                CHECKED (6, k).
         """
-        if not checked:
-            return _NO_SIGNAL
-        rows = np.array([np.concatenate(values) for values in (*samples, checked)])
-        self._lowest = np.minimum(self._lowest, rows.min(axis=0))
-        self._highest = np.maximum(self._highest, rows.max(axis=0))
+        self._ahead.append(rows)
         # An infinite or undefined signal is not compared.
         with np.errstate(invalid="ignore"):
-            misfit = np.abs(_WEIGHTS @ rows).max(axis=0)
-            is_bent = misfit > _TOLERANCE * (self._highest - self._lowest)
+            misfits = np.abs(_WEIGHTS @ rows)
+            if len(self._ahead) < _MOST_AHEAD and not (misfits > self._tolerance).any():
+                return _NO_SIGNAL
+            self._WidenRange()
+            misfit = misfits.max(axis=0)
+            is_bent = misfit > self._tolerance
         if not is_bent.any():
             return _NO_SIGNAL
         is_bent &= misfit > self._Rounding()
         bent: Indices = np.unique(self._owners[is_bent])
         return bent[self._is_followed[bent]]
+
+    def _WidenRange(self) -> None:
+        """Extends the range of each element by the rows that have not been seen yet."""
+        rows = np.concatenate(self._ahead)
+        self._ahead = []
+        self._lowest = np.minimum(self._lowest, rows.min(axis=0))
+        self._highest = np.maximum(self._highest, rows.max(axis=0))
+        self._tolerance = _TOLERANCE * (self._highest - self._lowest)
 
     def _Rounding(self) -> float:
         """Returns the error by which rounding may change a signal."""

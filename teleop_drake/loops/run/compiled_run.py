@@ -12,7 +12,7 @@ from pydrake.systems.primitives import RandomSource
 
 from teleop_drake.loops.engine.check import CheckVisited, HoldsOwnCode
 from teleop_drake.loops.engine.evaluator import Evaluator
-from teleop_drake.loops.engine.flatten import OutputOf, UnsupportedSystem
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.engine.parameters import SetNumbers
 from teleop_drake.loops.engine.past import CanWritePast, ReadPast, WritePast
 from teleop_drake.loops.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
@@ -39,8 +39,14 @@ from teleop_drake.loops.run.run import (
     Outcome,
     Pace,
 )
+from teleop_drake.loops.run.signal_places import SignalPlaces, UnknownSignals
 from teleop_drake.loops.run.simulator import EVENT_ACCURACY
 from teleop_drake.loops.run.stepping import LongestStep
+
+_OMITTED = (
+    "not in a compiled run, because they are results of the last step of a discrete "
+    'plant. engine="drake" records them.'
+)
 
 
 class CannotCompile(ScenarioError):
@@ -64,6 +70,8 @@ class CompiledDiagram:
             there is no such code.
         parts: Systems that replace systems of the diagram, by their paths.
         has_constants: Whether constants of systems differ from those of the diagram.
+        omitted: The names of signals that are not recorded.
+        problems: The problem of the last run, by the time of its end.
     """
 
     diagram: System
@@ -77,7 +85,8 @@ class CompiledDiagram:
     is_checked: bool
     parts: Mapping[str, System] = field(default_factory=dict)
     has_constants: bool = False
-    _problems: dict[float, Packed] = field(default_factory=dict, init=False)
+    omitted: Sequence[str] = ()
+    problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     @cached_property
     def systems(self) -> dict[str, System]:
@@ -99,11 +108,12 @@ class CompiledDiagram:
 
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
         """Returns a new run, not begun yet, whose last possible time is `end` in s."""
-        problem = self._problems.get(end)
+        problem = self.problems.get(end)
         if problem is None:
             program = self.evaluator.program
             problem = MakeProblem(program, self.start.t, end, self.past)
-            self._problems = {end: problem}
+            self.problems.clear()
+            self.problems[end] = problem
         draws: list[Draw] = []
         if self._random_sources:
             draws = TakeDraws(self.evaluator, self.context.Clone(), end)
@@ -125,9 +135,13 @@ class CompiledDiagram:
 
         Raises:
             KernelDisagrees: If the machine code does not compute what the diagram does.
+            NearLimit: If a joint of a discrete plant comes near to its limit.
         """
         run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places, self.systems)
+        self.evaluator.CheckLimits(*run.Rows())
+        if self.omitted:
+            outcome.notes = [f"{', '.join(self.omitted)}: {_OMITTED}"]
         if job.has_events:
             outcome.find_events = partial(_FindEvents, run, job, outcome)
         if self._has_final_context:
@@ -188,7 +202,8 @@ class CompiledDiagram:
             ) from error
         if constants and not suppress_initialization_events:
             SetInitialModes(evaluator, start)
-        compiled = _StartingAt(start, self.diagram, evaluator, self.signals, places)
+        compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
+        compiled.omitted = self.omitted
         if constants:
             compiled.is_checked = True
             compiled.has_constants = True
@@ -207,7 +222,10 @@ class CompiledDiagram:
         except UnsupportedSystem as error:
             raise CannotCompile(str(error)) from error
         places = SignalPlaces(evaluator, self.signals)
-        return _StartingAt(self.context, self.diagram, evaluator, self.signals, places)
+        start = self.context
+        compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
+        compiled.omitted = self.omitted
+        return compiled
 
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
@@ -246,6 +264,8 @@ def CompileDiagram(
     like: Evaluator | None = None,
     *,
     suppress_initialization_events: bool = False,
+    may_omit: bool = False,
+    ignores_limits: bool = False,
 ) -> CompiledDiagram:
     """Compiles a diagram, or a block by itself.
 
@@ -257,6 +277,9 @@ def CompileDiagram(
         like: The evaluator of another diagram, whose machine code is reused if it is
             the same.
         suppress_initialization_events: As in Job.
+        may_omit: Whether outputs of a discrete plant need not be recorded that are
+            results of its last step, which a program does not store.
+        ignores_limits: Whether the caller expects NearLimit of a run.
 
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
@@ -278,14 +301,19 @@ def CompileDiagram(
             as_machine_code=True,
             like=like,
             recorded=signals.values(),
+            ignores_limits=ignores_limits,
         )
+        omitted = UnknownSignals(evaluator, signals) if may_omit else []
+        signals = {name: x for name, x in signals.items() if name not in omitted}
         places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    return _StartingAt(context, diagram, evaluator, signals, places)
+    compiled = StartingAt(context, diagram, evaluator, signals, places)
+    compiled.omitted = omitted
+    return compiled
 
 
-def _StartingAt(
+def StartingAt(
     context: Context,
     diagram: System,
     evaluator: Evaluator,
@@ -468,25 +496,3 @@ def _ReasonOf(run: CompiledRun) -> str:
     if not (IsArithmetic(run.error) or not run.is_finite):
         raise run.error
     return ReasonOfDivergence(run.error, has_error_control=True)
-
-
-def SignalPlaces(
-    evaluator: Evaluator, signals: Mapping[str, OutputPort]
-) -> dict[str, slice]:
-    """Returns the columns of each signal in a row, by its name.
-
-    Args:
-        signals: The output port of each signal, by name.
-
-    Raises:
-        UnsupportedSystem: If the kernel of a block lacks one of the signals.
-    """
-    places = {}
-    for name, port in signals.items():
-        index = int(port.get_index())
-        source = OutputOf(evaluator.blocks, port.get_system(), index)
-        if source not in evaluator.program.signals:
-            block = evaluator.blocks[source.block].system
-            raise UnsupportedSystem(block, f"its kernel has no output {source.port}")
-        places[name] = evaluator.program.signals[source]
-    return places

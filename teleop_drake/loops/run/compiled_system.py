@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.loops.engine.check import ReadingDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
+from teleop_drake.loops.engine.plant_limits import NearLimit
 from teleop_drake.loops.framework.signals import Signals, SystemsByPath
 from teleop_drake.loops.framework.validation import CheckNumber
 from teleop_drake.loops.run.compiled_run import CompiledDiagram, CompileDiagram
@@ -16,6 +17,7 @@ from teleop_drake.loops.run.inputs import CheckInputs
 from teleop_drake.loops.run.recording import Recording
 from teleop_drake.loops.run.run import Job
 from teleop_drake.loops.run.system_run import (
+    CheckPeriod,
     MakeJob,
     NoteOnDrake,
     NotesOnBlocks,
@@ -95,17 +97,26 @@ class CompiledSystem:
             self._job.signals,
             self._job.context,
             suppress_initialization_events=suppress_initialization_events,
+            may_omit=self._job.has_default_signals,
+            ignores_limits=True,
         )
         # Evaluators of other programs, which some numbers need.
         self._others: list[Evaluator] = []
 
-    def Run(self, duration: float | None = None, **numbers: ArrayLike) -> Recording:
+    def Run(
+        self,
+        duration: float | None = None,
+        *,
+        publish_period: float | None = None,
+        **numbers: ArrayLike,
+    ) -> Recording:
         """Simulates the System with other numbers.
 
             recording = pendulum.Run(**{"plant.length": 2.0})
 
         Args:
             duration: The duration, s; None: as given for the compilation.
+            publish_period: As for simulate().
             numbers: New values by the names of NamedParameters() and ScalarsIn(),
                 or `delay` for all delays.
 
@@ -117,6 +128,8 @@ class CompiledSystem:
         if duration is not None:
             CheckNumber("duration", duration, "s", above=0)
             job = job._replace(duration=duration)
+        CheckPeriod(publish_period)
+        job = job._replace(publish_period=publish_period)
         self._compiled = self._compiled.ReadAnew()
         return self._Run(job, self._With(job.context, numbers))
 
@@ -130,13 +143,14 @@ class CompiledSystem:
         notes = NotesOnBlocks(compiled.evaluator)
         try:
             outcome = compiled.Run(job)
-        except ReadingDisagrees as error:
+        except (ReadingDisagrees, NearLimit) as error:
             if compiled.has_constants:
                 raise
             job = job._replace(
                 context=compiled.context, suppress_initialization_events=True
             )
             return RecordingOf(job, RunInDrake(job), [NoteOnDrake(error)])
+        notes += outcome.notes
         if compiled.has_constants:
             return RecordingOf(job, outcome, notes, _HAS_CONSTANTS)
         return RecordingOf(job, outcome, notes)

@@ -2,23 +2,22 @@
 
 import math
 import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-import numpy as np
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
     Simulator,
     SimulatorStatus,
 )
-from pydrake.systems.framework import Context, EventStatus, OutputPort, System
+from pydrake.systems.framework import Context, EventStatus
 
-from teleop_drake.loops.framework.contexts import ContextsIn, DiscreteState
+from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.framework.validation import Refuse, ScenarioError
 from teleop_drake.loops.numerics.instants import TIE, same_within
-from teleop_drake.loops.numerics.step_polynomials import DEGREE, Series
-from teleop_drake.loops.run.bends import CHECKED, INSIDE, Bends, NotesOnBends
+from teleop_drake.loops.run.bends import NotesOnBends
 from teleop_drake.loops.run.block_events import (
     DrakeEvents,
     GuardsDue,
@@ -30,6 +29,7 @@ from teleop_drake.loops.run.failures import (
     NamingBlocks,
     ReasonOfDivergence,
 )
+from teleop_drake.loops.run.recorder import Recorder
 from teleop_drake.loops.run.recording import Event
 from teleop_drake.loops.run.run import (
     COMPLETED,
@@ -55,19 +55,11 @@ _MOST_FORCED_STEPS = 100_000
 # The beginning of the names of signals that are recorded to find events.
 _HIDDEN = "\0"
 
+# The pace of a run is checked after so many samples.
+_SAMPLES_PER_CHECK = 16
+
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
-
-# The coefficients of a cubic Hermite polynomial, by ascending powers: of the values at
-# both ends, and of the rates at both ends times the length.
-_HERMITE = np.array(
-    [[1.0, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]],
-)
-
-# The shortest piece as a share of its step, and the most pieces of a step. A kink needs
-# some fifteen.
-_SHORTEST_PIECE = 2.0**-14
-_MOST_PIECES = 200
 
 
 def RunInDrake(job: Job) -> Outcome:
@@ -156,154 +148,6 @@ def _CheckSteps(job: Job) -> None:
             )
 
 
-class Recorder:
-    """A sampler of the signals of a diagram, step by step.
-
-    Drake provides the states at the ends of a step only. Within a step they are
-    interpolated by cubic polynomials that match states and rates at both ends. The
-    outputs are evaluated at these states, in a separate Context. Where a polynomial
-    through the samples does not follow a signal, the step is recorded in shorter
-    pieces, down to 2^-14 of its length. If the discrete state differs from that of the
-    last sample, a block has changed it at the beginning of the step. The beginning is
-    then sampled again, with the new discrete state.
-
-    Attributes:
-        names: The names of the signals, in the order of a sample's values.
-        unresolved: The names of the signals that jump or bend within a step, more
-            sharply than the shortest piece follows.
-
-    Args:
-        diagram: The simulated System.
-        signals: The output port of each signal, by name.
-        root_context: The Context of the Simulator.
-    """
-
-    def __init__(
-        self,
-        diagram: System,
-        signals: Mapping[str, OutputPort],
-        root_context: Context,
-    ):
-        self.names = list(signals)
-        self.unresolved: set[str] = set()
-        self._bends = Bends([port.size() for port in signals.values()])
-        self._inner_context = root_context.Clone()
-        self._at_end, self._inside = (
-            [
-                (port.Eval, port.get_system().GetMyContextFromRoot(root))
-                for port in signals.values()
-            ]
-            for root in (root_context, self._inner_context)
-        )
-        self._diagram = diagram
-        self._root_context = root_context
-        self._rows: list[tuple[float, list[np.ndarray]]] = []
-        self._step_ends: list[int] = []
-        self._state = self._rate = self._mode = np.empty(0)
-
-    def Sample(self) -> list[np.ndarray]:
-        """Samples the interior and the end of a step; returns the values at its end."""
-        root = self._root_context
-        time = root.get_time()
-        values = [evaluate(context) for evaluate, context in self._at_end]
-        state = root.get_continuous_state_vector().CopyToVector()
-        rate = self._RateIn(root)
-        mode = DiscreteState(root)
-        is_finite = all(np.isfinite(x).all() for x in values)
-        last = self._rows[-1][0] if self._rows else math.inf
-        if is_finite and time > last + same_within(time):
-            self._inner_context.SetTimeStateAndParametersFrom(root)
-            if not np.array_equal(mode, self._mode):
-                # A block has changed its discrete state at the beginning of the step.
-                self._SampleAt(self._rows[-1][0], self._state)
-                self._rate = self._RateIn(self._inner_context)
-            self._SampleStep(time, state, rate, values)
-        else:
-            self._rows.append((time, values))
-        self._state = state
-        self._rate = rate
-        self._mode = mode
-        return values
-
-    def Last(self) -> tuple[float, list[np.ndarray]]:
-        """Returns the time of the last sample and its values."""
-        return self._rows[-1]
-
-    def _RateIn(self, root_context: Context) -> np.ndarray:
-        """Returns the rate of the state in a Context."""
-        if root_context.num_continuous_states() == 0:
-            return np.empty(0)  # Some systems without such a state raise an error.
-        return self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
-
-    def _SampleStep(
-        self,
-        end: float,
-        state: np.ndarray,
-        rate: np.ndarray,
-        values: list[np.ndarray],
-    ) -> None:
-        """Records the samples from the last one to the end of the step.
-
-        Args:
-            end: The time of the end, s.
-            state: The state at the end.
-            rate: The rate of the state at the end.
-            values: The sample at the end.
-        """
-        begin = self._rows[-1][0]
-        h = end - begin
-        states = np.array([self._state, state, h * self._rate, h * rate])
-        a, b, c, d = _HERMITE @ states
-
-        def At(share: float) -> tuple[float, list[np.ndarray]]:
-            inside = a + share * (b + share * (c + share * d))
-            return self._Evaluate(begin + share * h, inside)
-
-        # The pieces ahead, the next one last, each with the sample at its end.
-        pieces = [(0.0, 1.0, (end, values))]
-        num_pieces = 1
-        while pieces:
-            first, last, sample = pieces.pop()
-            width = last - first
-            inside = [At(first + share * width) for share in INSIDE]
-            _, checked = At(first + CHECKED * width)
-            samples = [x for _, x in (self._rows[-1], *inside, sample)]
-            bent = self._bends.Find(samples, checked)
-            if len(bent) and width > _SHORTEST_PIECE and num_pieces < _MOST_PIECES:
-                middle = first + width / 2
-                pieces += [(middle, last, sample), (first, middle, inside[1])]
-                num_pieces += 1
-                continue
-            self.unresolved |= {self.names[k] for k in bent}
-            if num_pieces == _MOST_PIECES:
-                # Noise bends everywhere.
-                self._bends.Leave(bent)
-            self._rows += inside
-            self._step_ends.append(len(self._rows))
-            self._rows.append(sample)
-
-    def _SampleAt(self, time: float, state: np.ndarray) -> None:
-        self._rows.append(self._Evaluate(time, state))
-
-    def _Evaluate(
-        self, time: float, state: np.ndarray
-    ) -> tuple[float, list[np.ndarray]]:
-        """Returns a time in s and the values of the signals there, at a state."""
-        self._inner_context.SetTime(time)
-        self._inner_context.SetContinuousState(state)
-        return time, [evaluate(context) for evaluate, context in self._inside]
-
-    def Finish(self) -> Series:
-        """Returns the times (N,), the signals (N, k) and the steps."""
-        times = np.array([time for time, _ in self._rows])
-        signals = {
-            name: np.array([values[i] for _, values in self._rows])
-            for i, name in enumerate(self.names)
-        }
-        ends = np.array(self._step_ends, int)
-        return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
-
-
 class _DrakeRun:
     """A run in Drake's Simulator, whose steps are recorded and checked.
 
@@ -327,12 +171,18 @@ class _DrakeRun:
             job.diagram, {**job.signals, **hidden}, simulator.get_mutable_context()
         )
         self._ending: Ending | None = None
+        self._complete_at = job.end - same_within(job.end)
         self.is_beyond_bound = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
         names = list(job.signals)
         bounded = job.bound.signal
-        self._watched = [i for i, x in enumerate(names) if bounded in (None, x)]
+        columns = dict(zip(self.recorder.names, self.recorder.columns, strict=True))
+        watched = [columns[x] for x in names if bounded in (None, x)]
+        # A bound is on one signal, or on all.
+        self._bounded = (
+            slice(watched[0].start, watched[-1].stop) if watched else slice(0)
+        )
 
     @property
     def has_begun(self) -> bool:
@@ -364,6 +214,8 @@ class _DrakeRun:
         if isinstance(self._simulator, TeleoperatorSimulator):
             is_ended = self._simulator.IsEndedByOthers
         while True:
+            if self.recorder.is_held:
+                step = math.inf
             time = self._simulator.get_context().get_time()
             boundary = self._job.end
             if math.isfinite(step):
@@ -381,7 +233,7 @@ class _DrakeRun:
             self.due += GuardsDue(guarded, self._job.diagram, root_context)
         return self._Check(root_context.get_time(), now)
 
-    def _Check(self, time: float, now: list[np.ndarray]) -> EventStatus | None:
+    def _Check(self, time: float, now: Array) -> EventStatus | None:
         """Ends the run if it exceeds its bound, is interrupted or complete.
 
         Args:
@@ -392,8 +244,10 @@ class _DrakeRun:
             ScenarioError: If the run would take too many steps; see Pace.
         """
         bound = self._job.bound
-        self._pace.Check(self._num_samples + CountsOf(self._simulator).rejected, time)
-        norm = math.hypot(*(x for i in self._watched for x in now[i]))
+        if self._num_samples % _SAMPLES_PER_CHECK == 0:
+            rejected = CountsOf(self._simulator).rejected
+            self._pace.Check(self._num_samples + rejected, time)
+        norm = math.hypot(*now[self._bounded].tolist())
         if not norm <= bound.largest:
             self.is_beyond_bound = True
             return self._End(Ending("diverged", bound.Reason(norm)))
@@ -403,7 +257,7 @@ class _DrakeRun:
             progress(time)
         if self.interruption.has_come:
             return self._End(INTERRUPTED)
-        if time >= self._job.end - same_within(self._job.end):
+        if time >= self._complete_at:
             return self._End(COMPLETED)  # Events at the end do not happen.
         return None
 

@@ -59,6 +59,10 @@ class Job(NamedTuple):
             as Drake's InitializeParams call it: the Context is the end of an earlier
             run.
         has_events: Whether the events that blocks locate are found.
+        publish_period: The time between the rows of the recording, s; None: the rows
+            are those of the steps.
+        has_default_signals: Whether nobody has chosen the signals, so that a compiled
+            run may omit some.
     """
 
     diagram: System
@@ -70,6 +74,8 @@ class Job(NamedTuple):
     progress: Callable[[float], None] | None = None
     suppress_initialization_events: bool = False
     has_events: bool = False
+    publish_period: float | None = None
+    has_default_signals: bool = False
 
     @property
     def start(self) -> float:

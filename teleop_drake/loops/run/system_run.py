@@ -11,7 +11,7 @@ from teleop_drake.loops.engine.parameters import CheckNumbers
 from teleop_drake.loops.framework.signals import CheckSystem, SelectSignals, Signals
 from teleop_drake.loops.framework.solver import DefaultSimulator
 from teleop_drake.loops.framework.validation import CheckChoice, CheckNumber
-from teleop_drake.loops.numerics.step_polynomials import finite_part
+from teleop_drake.loops.numerics.step_polynomials import finite_part, thinned
 from teleop_drake.loops.run.bends import Kinked, NotesOnBends
 from teleop_drake.loops.run.inputs import CheckContext, CheckInputs
 from teleop_drake.loops.run.recording import Recording, SolverStatistics
@@ -40,6 +40,7 @@ def simulate(
     engine: str = "auto",
     signals: Signals | None = None,
     suppress_initialization_events: bool = False,
+    publish_period: float | None = None,
 ) -> Recording:
     """Simulates any System of Drake's, with exact delays, and records its signals.
 
@@ -56,9 +57,19 @@ def simulate(
         progress,
         signals,
         suppress_initialization_events=suppress_initialization_events,
+        publish_period=publish_period,
     )
-    CheckInputs(job.diagram, job.context)
-    run, notes = RunJob(job, engine)
+    compiled = None
+    if engine != "drake":
+        from teleop_drake.loops.run.kept_diagrams import KeptDiagram
+
+        compiled = KeptDiagram(job)
+    if compiled is None:
+        CheckInputs(job.diagram, job.context)
+        run, notes = RunJob(job, engine)
+    else:
+        run = compiled.Run(job)
+        notes = NotesOnBlocks(compiled.evaluator)
     return RecordingOf(job, run, notes)
 
 
@@ -71,6 +82,7 @@ def MakeJob(
     signals: Signals | None = None,
     *,
     suppress_initialization_events: bool = False,
+    publish_period: float | None = None,
 ) -> Job:
     """Returns the specification of a System's run; None stands for a default.
 
@@ -79,6 +91,7 @@ def MakeJob(
             System, or if it has a number that is not allowed.
     """
     CheckNumber("duration", duration, "s", above=0)
+    CheckPeriod(publish_period)
     assert duration is not None
     config = simulator or DefaultSimulator()
     if context is None:
@@ -93,10 +106,18 @@ def MakeJob(
         config=config,
         duration=duration,
         signals=SelectSignals(system, signals),
+        has_default_signals=signals is None,
         progress=progress,
         suppress_initialization_events=suppress_initialization_events,
         has_events=True,
+        publish_period=publish_period,
     )
+
+
+def CheckPeriod(publish_period: float | None) -> None:
+    """Refuses a time between rows that is not positive."""
+    if publish_period is not None:
+        CheckNumber("publish_period", publish_period, "s", above=0)
 
 
 def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
@@ -104,7 +125,9 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     notes: list[str] = []
     if engine != "drake":
         from teleop_drake.loops.engine.check import ReadingDisagrees
+        from teleop_drake.loops.engine.plant_limits import NearLimit
         from teleop_drake.loops.run.compiled_run import CannotCompile, CompileDiagram
+        from teleop_drake.loops.run.kept_diagrams import Keep
 
         try:
             compiled = CompileDiagram(
@@ -113,9 +136,13 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 job.signals,
                 job.context,
                 suppress_initialization_events=job.suppress_initialization_events,
+                may_omit=job.has_default_signals,
+                ignores_limits=True,
             )
-            return compiled.Run(job), NotesOnBlocks(compiled.evaluator)
-        except (CannotCompile, ReadingDisagrees) as error:
+            Keep(job, compiled)
+            run = compiled.Run(job)
+            return run, [*NotesOnBlocks(compiled.evaluator), *run.notes]
+        except (CannotCompile, ReadingDisagrees, NearLimit) as error:
             notes = [NoteOnDrake(error)]
     from teleop_drake.loops.run.drake_run import RunInDrake
 
@@ -190,7 +217,16 @@ def RecordingOf(
     make_final = run.make_final_context
     if make_final is None:
         notes.append(no_final_context)
-    recording = Recording(**FieldsOf(job.config, run), events=[])
+    fields = FieldsOf(job.config, run)
+    period = job.publish_period
+    if period is not None:
+        names = ("time", "signals", "steps")
+        fields |= dict(zip(names, thinned(run.series, period), strict=True))
+        notes.append(
+            f"Rows every {period:g} s (publish_period): between them signals are "
+            "straight lines."
+        )
+    recording = Recording(**fields, events=[])
     later: dict[str, Callable[[Recording], Any]] = {
         "events": lambda _: run.find_events(),
         "notes": lambda _: NotesOn(run) + notes + _NotesOnKinks(run),
@@ -198,6 +234,9 @@ def RecordingOf(
     if make_final is not None:
         later["final_context"] = lambda _: make_final()
     recording.FindLater(later)
+    if period is not None:
+        # Until they are found, they keep all rows.
+        recording.KeepSignals(recording.signals)
     return recording
 
 

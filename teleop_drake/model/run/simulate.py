@@ -58,6 +58,7 @@ def simulate(
     engine: str = "auto",
     signals: Signals | None = None,
     suppress_initialization_events: bool = False,
+    publish_period: float | None = None,
 ) -> Recording: ...
 
 
@@ -73,6 +74,7 @@ def simulate(
     engine: str = "auto",
     signals: Signals | None = None,
     suppress_initialization_events: bool = False,
+    publish_period: float | None = None,
 ) -> Recording:
     """Simulates a scenario, or any System of Drake's, and records its signals.
 
@@ -160,6 +162,9 @@ def simulate(
             from which they are computed.
         suppress_initialization_events: Whether the run of a System begins without
             initialization events, because it continues an earlier run.
+        publish_period: The time between the rows of a System's recording, s, between
+            which signals are straight lines; None: several rows for each step. The
+            steps and the events of the run are the same.
 
     Returns:
         The recording.
@@ -183,11 +188,13 @@ def simulate(
             engine=engine,
             signals=signals,
             suppress_initialization_events=suppress_initialization_events,
+            publish_period=publish_period,
         )
     RefuseGiven(
         "left out where a scenario is simulated",
         context=context,
         suppress_initialization_events=suppress_initialization_events,
+        publish_period=publish_period,
     )
     # A System needs nothing of scenarios, whose import takes a while.
     from teleop_drake.model.run.scenario_run import SimulateScenario

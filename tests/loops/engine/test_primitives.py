@@ -100,7 +100,7 @@ def test_an_input_that_nothing_depends_on_may_be_connected():
 def test_a_block_without_a_kernel_is_named():
     block = TrajectorySource(PiecewisePolynomial([1.0]))
     block.set_name("path")
-    with pytest.raises(UnsupportedSystem, match=r"Source 'path' .* symbolic time"):
+    with pytest.raises(UnsupportedSystem, match=r"Source 'path' .* trajectory"):
         CheckKernel(block)
 
 

@@ -24,6 +24,7 @@ from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.kernel import FixedBlock, Kernel
 from teleop_drake.loops.run.recording import UnknownSignal
+from teleop_drake.model.run.compile import Compile
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
 from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
@@ -283,3 +284,31 @@ def test_an_event_of_a_users_own_stands_twice():
     exact = np.where(times < 0.25, times, 0.75 - 2 * times)
     y = recording.Interpolate("y", times)[:, 0]
     np.testing.assert_allclose(y, exact, atol=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_publish_period_thins_the_rows_and_nothing_else(engine):
+    """x = t^2 / 2 of two integrators, with rows at 0, 0.3, 0.6, 0.9 and the end."""
+    builder = DiagramBuilder()
+    speed = builder.AddNamedSystem("speed", Integrator(1))
+    builder.Connect(
+        builder.AddSystem(ConstantVectorSource([1.0])).get_output_port(),
+        speed.get_input_port(),
+    )
+    way = builder.AddNamedSystem("way", Integrator(1))
+    builder.Connect(speed.get_output_port(), way.get_input_port())
+    builder.ExportOutput(way.get_output_port(), "x")
+    diagram = builder.Build()
+    full = simulate(diagram, duration=1.0, engine=engine)
+    thin = simulate(diagram, duration=1.0, engine=engine, publish_period=0.3)
+    assert thin.time == pytest.approx([0.0, 0.3, 0.6, 0.9, 1.0])
+    assert thin["x"][:, 0] == pytest.approx(thin.time**2 / 2, abs=1e-12)
+    assert thin.Interpolate("x", [0.75])[0, 0] == pytest.approx(0.2925)
+    assert thin.solver.steps == full.solver.steps
+    assert any("publish_period" in note for note in thin.notes)
+    if engine == "compiled":
+        program = Compile(diagram, duration=1.0)
+        assert len(program.Run(publish_period=0.5).time) == 3
+        assert len(program.Run().time) == len(full.time)
+    with pytest.raises(ScenarioError, match="publish_period"):
+        simulate(diagram, duration=1.0, publish_period=0.0)

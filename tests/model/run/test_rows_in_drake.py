@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
     Integrator,
@@ -16,6 +17,7 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.signals import SignalsOf
 from teleop_drake.loops.framework.solver import DefaultSimulator
 from teleop_drake.model.blocks.environments.layered_force_field import (
     LayerConfig,
@@ -241,3 +243,63 @@ def test_a_source_may_end_with_the_run():
     diagram = chain(Table(), TransportDelay(0.1, 1), Integrator(1))
     recording = simulate(diagram, duration=1.249, engine="drake")
     assert recording["y"][-1, 0] == pytest.approx(2 * (1.249 - 0.35), abs=1e-8)
+
+
+class Counter(LeafSystem):
+    """Counts samples of 0.1 s; its output has the count and counts the calls."""
+
+    def __init__(self, *, is_abstract):
+        LeafSystem.__init__(self)
+        self.num_calls = 0
+        self._is_abstract = is_abstract
+        if is_abstract:
+            state = self.DeclareAbstractState(AbstractValue.Make(0.0))
+            self.DeclarePeriodicUnrestrictedUpdateEvent(0.1, 0.1, self._Count)
+            tickets = {self.abstract_state_ticket(state)}
+        else:
+            self.DeclareDiscreteState(1)
+            self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.1, self._Count)
+            tickets = {self.xd_ticket()}
+        self.DeclareVectorOutputPort("y", 1, self._CalcOutput, tickets)
+
+    def _Of(self, context):
+        if self._is_abstract:
+            return context.get_abstract_state(0).get_value()
+        return context.get_discrete_state_vector()[0]
+
+    def _Count(self, context, state):
+        count = self._Of(context) + 1
+        if self._is_abstract:
+            state.get_mutable_abstract_state(0).set_value(count)
+        else:
+            state.set_value(0, [count])
+
+    def _CalcOutput(self, context, output):
+        self.num_calls += 1
+        output.SetFromVector([self._Of(context)])
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("is_abstract", [False, True])
+def test_a_held_output_is_a_staircase_evaluated_once_a_step(is_abstract, moves):
+    builder = DiagramBuilder()
+    counter = builder.AddNamedSystem("counter", Counter(is_abstract=is_abstract))
+    if moves:
+        builder.AddNamedSystem("oscillator", Oscillator())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([1.0, 0.0] * moves)
+    y = counter.get_output_port()
+    signals = {**SignalsOf(diagram), "again": y}
+    recording = simulate(
+        diagram, context=context, duration=0.95, engine="drake", signals=signals
+    )
+    np.testing.assert_array_equal(recording["again"], recording["counter.y"])
+    # Also just beside the jumps, and a first step that holds.
+    times = np.r_[0.0, 0.0999, 0.1001, 0.45, 0.7999, 0.8001, 0.95]
+    counts = recording.Interpolate("counter.y", times)[:, 0]
+    assert counts == pytest.approx(np.floor(times * 10), abs=1e-12)
+    assert counter.num_calls < 25
+    if moves:
+        x = recording.Interpolate("oscillator.state", times)[:, 0]
+        assert x == pytest.approx(np.cos(6 * times), abs=1e-7)
