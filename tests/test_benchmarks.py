@@ -23,7 +23,10 @@ def _WithoutCollecting(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name", Slow(["evaluation", "bars", "comparison", "delays", "delay_problems"])
+    "name",
+    Slow(
+        ["evaluation", "bars", "comparison", "delays", "delay_problems", "state_delays"]
+    ),
 )
 def test_quick_tables_have_finite_numbers(name):
     tables = list(importlib.import_module(f"benchmarks.{name}").Measure(QUICK))

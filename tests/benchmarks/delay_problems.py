@@ -151,7 +151,7 @@ def Measure(options: Options) -> Iterator[Table]:
         for kind in [Package, *peers]:
             solve = kind(law, T, history)
             for setting in kind.settings[: 3 if options.quick else None]:
-                cpu, values = _Time(lambda: solve(setting, times), options.repeats)  # noqa: B023
+                cpu, values = CpuTime(lambda: solve(setting, times), options.repeats)  # noqa: B023
                 error = float(np.abs(values - expected).max() / np.ptp(expected))
                 row = {"contender": kind.name, "setting": setting, "CPU s": cpu}
                 rows.append(row | {"error": error})
@@ -167,7 +167,7 @@ def Measure(options: Options) -> Iterator[Table]:
         Draw(found)
 
 
-def _Time(call: Callable[[], np.ndarray], repeats: int) -> tuple[float, np.ndarray]:
+def CpuTime(call: Callable[[], np.ndarray], repeats: int) -> tuple[float, np.ndarray]:
     """Returns the CPU time in s of the fastest call, and what it returns.
 
     Short calls are repeated for a while, as the fastest of few may still be a slow one.

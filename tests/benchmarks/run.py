@@ -22,6 +22,7 @@ BENCHMARKS = (
     "bars",
     "delays",
     "delay_problems",
+    "state_delays",
     "delay_standard.table",
 )
 
