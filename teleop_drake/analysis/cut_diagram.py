@@ -8,7 +8,7 @@ visualizers, are left out.
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -132,6 +132,7 @@ class Cut:
         delay: The block that delays the signal between `entering` and the ports, if
             any.
         time: The delay of that block in s.
+        steering: The port of that block at which its delay is an input, if any.
     """
 
     ports: list[InputPort]
@@ -140,6 +141,7 @@ class Cut:
     value: Array
     delay: System | None = None
     time: float = 0.0
+    steering: InputPort | None = None
 
     def Get(self) -> Array:
         """Returns the value at which the ports are fixed."""
@@ -162,6 +164,13 @@ class Cut:
         assert self.entering is not None
         twin = self.originals[self.entering.get_system()]
         self.Set(np.array(self.entering.Eval(twin.context)))
+        self.ReadTime()
+
+    def ReadTime(self) -> None:
+        """Sets `time` to the value of a delay that is an input, if it is one."""
+        if self.steering is not None:
+            context = self.originals[self.steering.get_system()].context
+            self.time = float(self.steering.Eval(context)[0])
 
 
 Entry: TypeAlias = States | HeldStates | Cut
@@ -243,27 +252,25 @@ class CutDiagram:
             cut.entering = self.blocks[source.block].system.GetOutputPort(source.port)
         return cut
 
-    def CutAtDelay(self, delay: System) -> Cut:
+    def CutAtDelay(self, delay: System, time: float | None = None) -> Cut:
         """Returns the cut at the ports that receive the output of a delay block.
 
-        Its time is the delay in the block's Context.
-        """
-        cut = self.CutAt(delay.get_output_port(), delay.get_input_port())
-        (declared,) = KernelIn(delay, self.contexts[delay]).delays
-        assert isinstance(declared.time, int | float)
-        cut.delay = delay
-        cut.time = declared.time
-        return cut
-
-    def CutAtSampler(self, sampler: System, delay: float) -> Cut:
-        """Returns the cut at the ports that receive the output of a sampling block.
+        A delay that is an input is constant in the model: at an equilibrium, where the
+        delayed signal has no slope, its deviations have no effect.
 
         Args:
-            delay: The delay of the block in s.
+            time: The delay in s; None: that of the block's Context.
         """
-        cut = self.CutAt(sampler.get_output_port(), sampler.get_input_port())
-        cut.delay = sampler
-        cut.time = delay
+        cut = self.CutAt(delay.get_output_port(), delay.get_input_port(0))
+        cut.delay = delay
+        declared: Any = time
+        if time is None:
+            (declared,) = [x.time for x in KernelIn(delay, self.contexts[delay]).delays]
+        if isinstance(declared, str):
+            cut.steering = delay.GetInputPort(declared)
+            cut.ReadTime()
+        else:
+            cut.time = declared
         return cut
 
     def _Receivers(self, port: Port) -> list[InputPort]:

@@ -67,8 +67,9 @@ def LinearizePorts(
     loop has the closed-loop response L/(1 + L).
 
     Every continuous state is a state of the model, including the estimates of an
-    adaptive law. A TransportDelay is an exact delay. The mode of an operator and the
-    layer of an environment are held constant.
+    adaptive law. A TransportDelay is an exact delay, and so is a VariableDelay whose
+    delay is an input, with its value at the operating point. The mode of an operator
+    and the layer of an environment are held constant.
 
     The operating point is a Context at its time, in general an equilibrium; nothing is
     trimmed. The diagram's own inputs have the values of that Context, or are 0. The
@@ -96,8 +97,9 @@ def LinearizePorts(
 
     Raises:
         ValueError: If a port is not in the diagram, a block has other samples (a
-            channel of packets, a delay that varies, a discrete MultibodyPlant), the
-            operating point is no equilibrium and `is_moving` is not set, or a law bends
+            channel of packets, a delay by a profile or a conveyor, a discrete
+            MultibodyPlant), a delay that is an input is out of its range, the operating
+            point is no equilibrium and `is_moving` is not set, or a law bends
             there.
     """
     _CheckKinds(diagram, context, input_port, output_port)
@@ -170,8 +172,9 @@ def DelayMargin(
     Returns:
         The margin; 0 if the loop is unstable without additional delay, infinity if it
         is stable with every delay. LinearizePorts(..., is_opened=True).margins()
-        returns further margins. Where a block samples, the delay is searched up to 40
-        of the shortest period; infinity: there is no limit up to there.
+        returns further margins, and what would stabilise an unstable loop. Where a
+        block samples, the delay is searched up to 40 of the shortest period; infinity:
+        there is no limit up to there.
 
     Raises:
         ValueError: As in LinearizePorts(), and if a delay is in a loop without a hold
@@ -283,6 +286,11 @@ class OpenedDiagram:
                 path = self.function.PathOf(x.system)
                 Refuse(f"context: state of {path}", x.Get(), "finite")
         late = [cut.entering for cut in self.cuts if cut.entering is not None]
+        for cut in self.delays:
+            longest = cut.delay and LinearPartOf(cut.delay).delay
+            if cut.steering is not None and longest and not 0 <= cut.time <= longest:
+                path = self.function.PathOf(cut.steering.get_system())
+                Refuse(f"context: delay of {path}", cut.time, f"0 to {longest:g} (s)")
         self.function.Choose(states, [*cuts, *self.cuts], [*seen, *late])
         values, slopes = self.function.Evaluate(_STEP)
         if not is_moving:
@@ -361,7 +369,7 @@ def OpenDiagram(function: CutDiagram, ports: Sequence[Port]) -> OpenedDiagram:
             if LinearPartOf(block.system).delay
         ],
         samplers=[
-            (function.CutAtSampler(block.system, sampling.delay), sampling)
+            (function.CutAtDelay(block.system, sampling.delay), sampling)
             for block in blocks
             if (sampling := LinearPartOf(block.system).sampling) is not None
         ],
@@ -417,8 +425,9 @@ def _Discrete(
         states = HeldIn(block.system, context)
         if states is None:
             allowed = (
-                "without packets, discrete plants and several updates: a discrete "
-                "state has a linear model if one periodic update changes it"
+                "without packets, delays by a profile or a conveyor, discrete plants "
+                "and several updates: a discrete state has a linear model if one "
+                "periodic update changes it"
             )
             Refuse("diagram", block.path, allowed)
         sampled.append(states)

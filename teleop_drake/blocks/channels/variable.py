@@ -20,6 +20,7 @@ from teleop_drake.blocks.channels.base import (
 )
 from teleop_drake.blocks.channels.netem import Netem
 from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
+from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.kinds import FileOf, GivenFile
 from teleop_drake.tables.histogram import Histogram
 from teleop_drake.validation import (
@@ -371,6 +372,7 @@ class VariableDelay(ChannelBlock):
             ChannelBlock.__init__(
                 self, delay=0.0, size=size, initial_value=initial_value
             )
+            self._linear_part = LinearPart(delay=maximum_delay)
             self.DeclareDelay(
                 time="delay",
                 longest=maximum_delay,
@@ -378,6 +380,7 @@ class VariableDelay(ChannelBlock):
             )
             return
         RefuseGiven("left out with a profile", maximum_delay=maximum_delay)
+        self._linear_part = LinearPart()
         profile.CheckContinuous()
         ChannelBlock.__init__(
             self, delay=profile.minimum, size=size, initial_value=initial_value
@@ -389,6 +392,10 @@ class VariableDelay(ChannelBlock):
             end=profile.duration,
             max_sample_interval=max_sample_interval,
         )
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns the delay as a linear part; with a profile there is none."""
+        return self._linear_part
 
 
 @Config
