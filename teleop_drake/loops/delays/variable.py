@@ -31,6 +31,7 @@ from teleop_drake.loops.framework.validation import (
     RefuseGiven,
     Within,
 )
+from teleop_drake.loops.kernel.linear_part import LinearPart
 from teleop_drake.loops.tables.histogram import Histogram
 
 # Number of instants at which Arrivals() evaluates the delay; it interpolates linearly.
@@ -371,6 +372,7 @@ class VariableDelay(ChannelBlock):
             ChannelBlock.__init__(
                 self, delay=0.0, size=size, initial_value=initial_value
             )
+            self._linear_part = LinearPart(delay=maximum_delay)
             self.DeclareDelay(
                 time="delay",
                 longest=maximum_delay,
@@ -378,6 +380,7 @@ class VariableDelay(ChannelBlock):
             )
             return
         RefuseGiven("left out with a profile", maximum_delay=maximum_delay)
+        self._linear_part = LinearPart()
         profile.CheckContinuous()
         ChannelBlock.__init__(
             self, delay=profile.minimum, size=size, initial_value=initial_value
@@ -389,6 +392,10 @@ class VariableDelay(ChannelBlock):
             end=profile.duration,
             max_sample_interval=max_sample_interval,
         )
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns the delay as a linear part; with a profile there is none."""
+        return self._linear_part
 
 
 @Config

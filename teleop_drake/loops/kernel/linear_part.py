@@ -62,8 +62,9 @@ class LinearPart:
             change near the operating point.
         held_force: The force that an operator holds after it has perceived contact.
             None: the block is not an operator, or the operator holds no force.
-        delay: The constant time in s by which the block delays its input; None: the
-            block is not a delay.
+        delay: The constant time in s by which the block delays its first input, or, if
+            the delay is an input as well, its largest value. None: the block is not a
+            delay.
         sampling: The sampling and delay of the block; None: it does not sample, or not
             with one period and one delay.
         assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY if the model rests on it.

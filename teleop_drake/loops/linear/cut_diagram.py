@@ -6,9 +6,9 @@ the original diagram. Blocks on which nothing of the model depends, such as logs
 visualizers, are left out.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -24,8 +24,6 @@ from teleop_drake.loops.engine.flatten import Block, Flatten, OutputOf, Reached,
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import (
     ContextsIn,
-    DiscreteState,
-    SetDiscreteState,
 )
 from teleop_drake.loops.framework.surface import SurfacesOf
 from teleop_drake.loops.kernel import KernelIn
@@ -36,8 +34,8 @@ from teleop_drake.loops.linear.dual_diagram import (
     NotConverted,
     Twin,
 )
+from teleop_drake.loops.linear.states import HeldStates, States, Twins
 from teleop_drake.loops.numerics.differences import differentiate
-from teleop_drake.loops.numerics.sample_schedule import Clock
 from teleop_drake.loops.run.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort
@@ -51,76 +49,6 @@ _BEND = 1e-4
 # of a value of 0.
 _ROUNDING = 2e-8
 _NOTHING = 1e-13
-
-Twins = Mapping[System, Twin]
-
-
-@dataclass(frozen=True, eq=False)
-class States:
-    """The first continuous states of a block, which are states of a model.
-
-    Attributes:
-        system: The block.
-        context: The block's Context.
-        size: The number of these states.
-    """
-
-    system: System
-    context: Context
-    size: int
-
-    def Get(self) -> Array:
-        """Returns the values of the states."""
-        state = self.context.get_continuous_state_vector()
-        return state.CopyToVector()[: self.size]
-
-    def Set(self, values: Array) -> None:
-        """Sets the values of the states."""
-        self.SetIn({self.system: Twin(self.system, self.context)}, values)
-
-    def SetIn(self, twins: Twins, values: Array) -> None:
-        """Sets the values of the states in a diagram of any scalar type."""
-        context = twins[self.system].context
-        x = context.get_continuous_state_vector().CopyToVector()
-        x[: self.size] = values
-        context.SetContinuousState(x)
-
-    def NextIn(self, twins: Twins) -> Array:
-        """Returns the rates of the states in a diagram of any scalar type."""
-        system, context = twins[self.system]
-        rates = system.EvalTimeDerivatives(context).CopyToVector()
-        return np.asarray(rates[: self.size])
-
-
-@dataclass(frozen=True, eq=False)
-class HeldStates:
-    """The discrete states of a block with one periodic update.
-
-    Attributes:
-        system: The block.
-        context: The block's Context.
-        size: The number of these states.
-        clock: The instants of the update.
-    """
-
-    system: System
-    context: Context
-    size: int
-    clock: Clock
-
-    def Get(self) -> Array:
-        """Returns the values of the states."""
-        return DiscreteState(self.context)
-
-    def SetIn(self, twins: Twins, values: Array) -> None:
-        """Sets the values of the states in a diagram of any scalar type."""
-        SetDiscreteState(twins[self.system].context, values)
-
-    def NextIn(self, twins: Twins) -> Array:
-        """Returns the values after an update in a diagram of any scalar type."""
-        system, context = twins[self.system]
-        new = system.EvalUniquePeriodicDiscreteUpdate(context)
-        return np.concatenate([new.value(i) for i in range(new.num_groups())])
 
 
 @dataclass(eq=False)
@@ -136,6 +64,7 @@ class Cut:
         delay: The block that delays the signal between `entering` and the ports, if
             any.
         time: The delay of that block in s.
+        steering: The port of that block at which its delay is an input, if any.
     """
 
     ports: list[InputPort]
@@ -144,6 +73,7 @@ class Cut:
     value: Array
     delay: System | None = None
     time: float = 0.0
+    steering: InputPort | None = None
 
     def Get(self) -> Array:
         """Returns the value at which the ports are fixed."""
@@ -166,6 +96,13 @@ class Cut:
         assert self.entering is not None
         twin = self.originals[self.entering.get_system()]
         self.Set(np.array(self.entering.Eval(twin.context)))
+        self.ReadTime()
+
+    def ReadTime(self) -> None:
+        """Sets `time` to the value of a delay that is an input, if it is one."""
+        if self.steering is not None:
+            context = self.originals[self.steering.get_system()].context
+            self.time = float(self.steering.Eval(context)[0])
 
 
 Entry: TypeAlias = States | HeldStates | Cut
@@ -247,27 +184,25 @@ class CutDiagram:
             cut.entering = self.blocks[source.block].system.GetOutputPort(source.port)
         return cut
 
-    def CutAtDelay(self, delay: System) -> Cut:
+    def CutAtDelay(self, delay: System, time: float | None = None) -> Cut:
         """Returns the cut at the ports that receive the output of a delay block.
 
-        Its time is the delay in the block's Context.
-        """
-        cut = self.CutAt(delay.get_output_port(), delay.get_input_port())
-        (declared,) = KernelIn(delay, self.contexts[delay]).delays
-        assert isinstance(declared.time, int | float)
-        cut.delay = delay
-        cut.time = declared.time
-        return cut
-
-    def CutAtSampler(self, sampler: System, delay: float) -> Cut:
-        """Returns the cut at the ports that receive the output of a sampling block.
+        A delay that is an input is constant in the model: at an equilibrium, where the
+        delayed signal has no slope, its deviations have no effect.
 
         Args:
-            delay: The delay of the block in s.
+            time: The delay in s; None: that of the block's Context.
         """
-        cut = self.CutAt(sampler.get_output_port(), sampler.get_input_port())
-        cut.delay = sampler
-        cut.time = delay
+        cut = self.CutAt(delay.get_output_port(), delay.get_input_port(0))
+        cut.delay = delay
+        declared: Any = time
+        if time is None:
+            (declared,) = [x.time for x in KernelIn(delay, self.contexts[delay]).delays]
+        if isinstance(declared, str):
+            cut.steering = delay.GetInputPort(declared)
+            cut.ReadTime()
+        else:
+            cut.time = declared
         return cut
 
     def _Receivers(self, port: Port) -> list[InputPort]:

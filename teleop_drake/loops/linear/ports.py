@@ -26,21 +26,14 @@ from teleop_drake.loops.framework.signals import NameOf
 from teleop_drake.loops.framework.surface import SurfacesOf
 from teleop_drake.loops.framework.validation import CheckKind, Refuse, ScenarioError
 from teleop_drake.loops.kernel.linear_part import LinearPartOf, Sampling
-from teleop_drake.loops.linear.cut_diagram import (
-    Cut,
-    CutDiagram,
-    HeldStates,
-    Port,
-    Split,
-    States,
-    TimesOf,
-)
+from teleop_drake.loops.linear.cut_diagram import Cut, CutDiagram, Port, Split, TimesOf
 from teleop_drake.loops.linear.port_model import PortModel
 from teleop_drake.loops.linear.sampled_model import (
     HeldIn,
     MakeSampledLoop,
     SampledModel,
 )
+from teleop_drake.loops.linear.states import HeldStates, States
 from teleop_drake.loops.numerics.state_space import close_loops
 from teleop_drake.loops.run.inputs import CheckContext
 
@@ -71,8 +64,9 @@ def LinearizePorts(
     loop has the closed-loop response L/(1 + L).
 
     Every continuous state is a state of the model, including the estimates of an
-    adaptive law. A TransportDelay is an exact delay. The mode of an operator and the
-    layer of an environment are held constant.
+    adaptive law. A TransportDelay is an exact delay, and so is a VariableDelay whose
+    delay is an input, with its value at the operating point. The mode of an operator
+    and the layer of an environment are held constant.
 
     The operating point is a Context at its time, in general an equilibrium; nothing is
     trimmed. The diagram's own inputs have the values of that Context, or are 0. The
@@ -100,8 +94,9 @@ def LinearizePorts(
 
     Raises:
         ValueError: If a port is not in the diagram, a block has other samples (a
-            channel of packets, a delay that varies, a discrete MultibodyPlant), the
-            operating point is no equilibrium and `is_moving` is not set, or a law bends
+            channel of packets, a delay by a profile or a conveyor, a discrete
+            MultibodyPlant), a delay that is an input is out of its range, the operating
+            point is no equilibrium and `is_moving` is not set, or a law bends
             there.
     """
     _CheckKinds(diagram, context, input_port, output_port)
@@ -174,8 +169,9 @@ def DelayMargin(
     Returns:
         The margin; 0 if the loop is unstable without additional delay, infinity if it
         is stable with every delay. LinearizePorts(..., is_opened=True).margins()
-        returns further margins. Where a block samples, the delay is searched up to 40
-        of the shortest period; infinity: there is no limit up to there.
+        returns further margins, and what would stabilise an unstable loop. Where a
+        block samples, the delay is searched up to 40 of the shortest period; infinity:
+        there is no limit up to there.
 
     Raises:
         ValueError: As in LinearizePorts(), and if a delay is in a loop without a hold
@@ -287,6 +283,11 @@ class OpenedDiagram:
                 path = self.function.PathOf(x.system)
                 Refuse(f"context: state of {path}", x.Get(), "finite")
         late = [cut.entering for cut in self.cuts if cut.entering is not None]
+        for cut in self.delays:
+            longest = cut.delay and LinearPartOf(cut.delay).delay
+            if cut.steering is not None and longest and not 0 <= cut.time <= longest:
+                path = self.function.PathOf(cut.steering.get_system())
+                Refuse(f"context: delay of {path}", cut.time, f"0 to {longest:g} (s)")
         self.function.Choose(states, [*cuts, *self.cuts], [*seen, *late])
         values, slopes = self.function.Evaluate(_STEP)
         if not is_moving:
@@ -365,7 +366,7 @@ def OpenDiagram(function: CutDiagram, ports: Sequence[Port]) -> OpenedDiagram:
             if LinearPartOf(block.system).delay
         ],
         samplers=[
-            (function.CutAtSampler(block.system, sampling.delay), sampling)
+            (function.CutAtDelay(block.system, sampling.delay), sampling)
             for block in blocks
             if (sampling := LinearPartOf(block.system).sampling) is not None
         ],
@@ -421,8 +422,9 @@ def _Discrete(
         states = HeldIn(block.system, context)
         if states is None:
             allowed = (
-                "without packets, discrete plants and several updates: a discrete "
-                "state has a linear model if one periodic update changes it"
+                "without packets, delays by a profile or a conveyor, discrete plants "
+                "and several updates: a discrete state has a linear model if one "
+                "periodic update changes it"
             )
             Refuse("diagram", block.path, allowed)
         sampled.append(states)

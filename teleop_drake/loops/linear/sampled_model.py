@@ -13,8 +13,9 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.loops.framework.arrays import Array, ComplexArray
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.kernel.linear_part import Sampling
-from teleop_drake.loops.linear.cut_diagram import Cut, HeldStates, States
+from teleop_drake.loops.linear.cut_diagram import Cut
 from teleop_drake.loops.linear.port_model import BodeDiagram, ImportControl
+from teleop_drake.loops.linear.states import HeldStates, States
 from teleop_drake.loops.numerics.margins import Margins
 from teleop_drake.loops.numerics.sample_schedule import Clock, common_period
 from teleop_drake.loops.numerics.sampled_loop import SampledLoop, lift

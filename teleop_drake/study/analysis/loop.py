@@ -66,13 +66,8 @@ from teleop_drake.loops.kernel.linear_part import (
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.loops.linear.cut_diagram import (
-    Cut,
-    CutDiagram,
-    Split,
-    States,
-    TimesOf,
-)
+from teleop_drake.loops.linear.cut_diagram import Cut, CutDiagram, Split, TimesOf
+from teleop_drake.loops.linear.states import States
 from teleop_drake.loops.numerics.state_space import StateSpace, close_loops
 from teleop_drake.model.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.model.blocks.operators import ConstantVelocityOperator

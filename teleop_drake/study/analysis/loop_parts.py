@@ -7,7 +7,8 @@ from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.loops.framework.validation import ScenarioError, Within
 from teleop_drake.loops.kernel.linear_part import LinearPart, LinearPartOf
-from teleop_drake.loops.linear.cut_diagram import Cut, CutDiagram, States
+from teleop_drake.loops.linear.cut_diagram import Cut, CutDiagram
+from teleop_drake.loops.linear.states import States
 from teleop_drake.study.analysis.loop_model import AtCuts, Signals
 
 PARTS = ("master", "controller", "environment", "robot")

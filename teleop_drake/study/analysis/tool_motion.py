@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.validation import Refuse, ScenarioError, Show
-from teleop_drake.loops.linear.cut_diagram import States
+from teleop_drake.loops.linear.states import States
 from teleop_drake.model.blocks.robots import RobotConfig
 from teleop_drake.model.laws.task_space import position_rate
 

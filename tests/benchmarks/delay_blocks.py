@@ -1,9 +1,10 @@
-"""Draws teleop_drake/docs/two_delays.png: two delays of one pipe that slows down.
+"""Draws teleop_drake/docs/delay_blocks.png: what four blocks make of one signal.
 
-The water in a pipe of 1 m flows at 1 m/s and, from t = 3.1 s on, at 0.5 m/s. Marks are
-put into it every half second. A VariableTransportDelay delivers each when it has
-travelled; a VariableDelay by 1 m over the present speed goes back at 3.1 s, and
-delivers some of them twice.
+Marks of a quarter of a second tell when they were made. The water in a pipe of 1 m
+flows at 1 m/s and, from t = 3.1 s on, at 0.5 m/s. A VariableTransportDelay delivers
+each mark when it has travelled; a VariableDelay by 1 m over the present speed goes back
+at 3.1 s, and delivers some of them twice. The delay and the window of the other two
+blocks are 1 s.
 """
 
 import sys
@@ -13,13 +14,14 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from pydrake.systems.framework import DiagramBuilder
 from signal_delays import Conveyor, Square, TimeDelay, opposite
 
-from teleop_drake import simulate
+from teleop_drake import MovingWindow, TransportDelay, simulate
 from teleop_drake.loops.draw.saving import SaveFigure
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 
-PICTURE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "two_delays.png"
+PICTURE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "delay_blocks.png"
 
 
 SLOWER = 3.1
@@ -36,6 +38,17 @@ def Marks():
     return FixedBlock("", kernel, inputs={}, outputs={"y": 1}, mode=[1.0])
 
 
+def Behind(block):
+    """Returns the times and the output of a block behind the marks."""
+    builder = DiagramBuilder()
+    marks = builder.AddNamedSystem("marks", Marks())
+    builder.AddNamedSystem("block", block)
+    builder.Connect(marks.get_output_port(), block.get_input_port())
+    builder.ExportOutput(block.get_output_port(), "out")
+    run = simulate(builder.Build(), duration=6.0)
+    return run.time, run["out"]
+
+
 def Draw() -> Figure:
     """Returns the figure."""
     period = 2 * SLOWER
@@ -43,10 +56,12 @@ def Draw() -> Figure:
     carried = simulate(Conveyor(Marks(), Square(period, (0.5, 1.0)), 1.0), duration=6.0)
     curves = {
         "signal": (late.time, late["sent"]),
+        "TransportDelay": Behind(TransportDelay(1.0, 1)),
         "VariableDelay": (late.time, late["out"]),
         "VariableTransportDelay": (carried.time, carried["out"]),
+        "MovingWindow": Behind(MovingWindow(1.0, 1)),
     }
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(7.0, 5.6), layout="constrained")
     axes = figure.subplots(len(curves), 1, sharex=True, sharey=True)
     for axis, (name, curve) in zip(axes, curves.items(), strict=True):
         axis.plot(*curve, color="black", linewidth=1.2)
