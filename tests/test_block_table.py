@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from engines import Compiled, Errors, InWebAssembly
 from pydrake.common import RandomDistribution
-from pydrake.math import RigidTransform
+from pydrake.math import BarycentricMesh, RigidTransform
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.controllers import PidController
@@ -116,6 +116,10 @@ def Primitives() -> Diagram:
     speed = builder.AddNamedSystem("speed", drake.ConstantVectorSource([1.0]))
     for i in range(2):
         builder.Connect(speed.get_output_port(), conveyor.get_input_port(i))
+    grid = BarycentricMesh([{-1.0, 0.3, 1.0}, {-1.0, 1.0}])
+    table = drake.BarycentricMeshSystem(grid, np.array([[0.0, 1, -1, 2, 0, 3]]))
+    builder.AddNamedSystem("table", table)
+    builder.Connect(row[0].get_output_port(0), table.get_input_port())
     pid = builder.AddNamedSystem("pid", PidController([2.0], [0.5], [1.0]))
     for i in range(pid.num_input_ports()):
         builder.Connect(row[0].get_output_port(0), pid.get_input_port(i))

@@ -12,6 +12,7 @@ from foreign.wiring import (
 )
 from pydrake.common import FindResourceOrThrow
 from pydrake.examples import AcrobotPlant, PendulumPlant
+from pydrake.math import BarycentricMesh
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.symbolic import Variable, cos, sin, tanh
@@ -54,6 +55,21 @@ def PendulumWithWrappedLqr(builder):
     wrap.set_interval(0, 0.0, 2 * np.pi)
     Loop(builder, plant, Add(builder, "wrap", wrap), Add(builder, "law", law))
     return {plant: [np.pi + 0.2, 0.1]}
+
+
+def PendulumWithPolicy(builder):
+    """A policy on a mesh of angle and rate, as value iteration leaves it."""
+    plant = Add(builder, "plant", PendulumPlant())
+    wrap = drake.WrapToSystem(2)
+    wrap.set_interval(0, 0.0, 2 * np.pi)
+    mesh = BarycentricMesh(
+        [set(np.linspace(0.0, 2 * np.pi, 51)), set(np.linspace(-10.0, 10.0, 41))]
+    )
+    points = mesh.get_all_mesh_points()
+    torques = np.clip(10 * (np.pi - points[0]) - 3 * points[1], -3.0, 3.0)
+    policy = drake.BarycentricMeshSystem(mesh, torques[np.newaxis])
+    Loop(builder, plant, Add(builder, "wrap", wrap), Add(builder, "policy", policy))
+    return {plant: [0.1, 0.0]}
 
 
 def PendulumSwingsUp(builder):
@@ -245,6 +261,7 @@ def TriplePendulum(builder):
 UNDERACTUATED = [
     Published("pendulum with LQR", PendulumWithLqr, compiles=True),
     Published("pendulum with wrapped LQR", PendulumWithWrappedLqr, compiles=True),
+    Published("pendulum with policy", PendulumWithPolicy, compiles=True),
     Published("pendulum swings up", PendulumSwingsUp, compiles=True),
     Published("pendulum, limited torque", PendulumWithLimitedTorque, compiles=True),
     Published("pendulum with network", PendulumWithNetwork, compiles=True),

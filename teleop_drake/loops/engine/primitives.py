@@ -26,6 +26,7 @@ from teleop_drake.loops.engine.constants import ConstantsOf
 from teleop_drake.loops.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
+from teleop_drake.loops.engine.mesh_kernel import MeshKernel
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import DiscreteState, SetDiscreteState
 from teleop_drake.loops.framework.signals import IsOfDrake, VectorOutputs
@@ -382,6 +383,7 @@ def _SlidersKernel(system: Any) -> Kernel:
 
 KERNELS: dict[str, Callable[[Any], Kernel | None]] = {
     "AffineSystem": _AffineKernel,
+    "BarycentricMeshSystem": MeshKernel,
     "Gain": _GainKernel,
     "LinearSystem": _AffineKernel,
     "MatrixGain": _AffineKernel,

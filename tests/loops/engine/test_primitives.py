@@ -9,6 +9,7 @@ from pydrake.examples import (
     QuadrotorPlant,
     VanDerPolOscillator,
 )
+from pydrake.math import BarycentricMesh
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.controllers import PidController
@@ -16,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
     Adder,
     AffineSystem,
+    BarycentricMeshSystem,
     ConstantVectorSource,
     Demultiplexer,
     DiscreteDerivative,
@@ -38,7 +40,8 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.loops.engine.check import KernelDisagrees
+from teleop_drake.loops.engine.block_kernels import KernelOf
+from teleop_drake.loops.engine.check import Compare, KernelDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.kernel import Kernel
@@ -95,6 +98,27 @@ def test_an_input_that_nothing_depends_on_may_be_connected():
     builder.AddNamedSystem("silent", silent)
     builder.Connect(source.get_output_port(), silent.get_input_port())
     CheckKernel(builder.Build())
+
+
+@pytest.mark.parametrize("num_dimensions", [1, 2, 3])
+def test_a_mesh_is_interpolated_in_simplices_as_in_drake(num_dimensions):
+    random = np.random.default_rng(num_dimensions)
+    grids = [{-1.0, -0.2, 1.0}, {0.0, 0.3}, {-0.5, 0.1, 0.2, 2.0}][:num_dimensions]
+    mesh = BarycentricMesh(grids)
+    values = random.normal(size=(2, mesh.get_num_mesh_points()))
+    block = BarycentricMeshSystem(mesh, values)
+    context = block.CreateDefaultContext()
+    block.get_input_port().FixValue(context, np.zeros(num_dimensions))
+    evaluator = Evaluator(block, context, as_machine_code=True)
+    # Inside, outside, on faces and at corners.
+    points = [*random.uniform(-2, 3, (200, num_dimensions))]
+    points += [mesh.get_mesh_point(i) for i in range(mesh.get_num_mesh_points())]
+    points += [np.array([0.3, 0.3, 0.15])[:num_dimensions]]
+    for point in points:
+        block.get_input_port().FixValue(context, point)
+        Compare(evaluator, block, context)
+    with pytest.raises(UnsupportedSystem, match="two or more values"):
+        KernelOf(BarycentricMeshSystem(BarycentricMesh([{0.0}]), [[1.0]]), context)
 
 
 def test_a_block_without_a_kernel_is_named():
