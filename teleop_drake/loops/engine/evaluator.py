@@ -24,7 +24,6 @@ from teleop_drake.loops.engine.constants import ConstantValues
 from teleop_drake.loops.engine.flatten import (
     Block,
     Flatten,
-    Source,
     UnreadableLeaf,
     UnsupportedSystem,
 )
@@ -228,46 +227,6 @@ class Evaluator:
     def ContextsIn(self, context: Context) -> dict[System, Context]:
         """Returns the Contexts of the diagram's systems and of the inserted blocks."""
         return {**ContextsIn(self.system, context), **self._added}
-
-    def WithBlocks(
-        self, path: str, system: System, contexts: Mapping[System, Context]
-    ) -> "Evaluator | None":
-        """Returns an evaluator with another system in the place of one.
-
-        Args:
-            path: The path of the system that is replaced.
-            system: The other system.
-            contexts: The Contexts of the other system and of the systems in it.
-
-        Returns:
-            The evaluator, which has the same code; None if the system does not fit.
-
-        Raises:
-            UnsupportedSystem: If a block has no kernel.
-        """
-        found = Flatten(system, path)
-        is_inside = [f"{block.path}/".startswith(f"{path}/") for block in self.blocks]
-        first = is_inside.index(True)
-        blocks = list(self.blocks)
-        kernels = {}
-        for i, block in enumerate(found, first):
-            own = self.blocks[i]
-            # Connections within the system are new, those from outside remain.
-            inner = {
-                port: Source(source.block + first, source.port)
-                for port, source in block.inputs.items()
-            }
-            inputs = own.inputs | inner
-            if not is_inside[i] or (own.path, own.inputs) != (block.path, inputs):
-                return None
-            blocks[i] = replace(block, inputs=inputs)
-            kernels[i] = KernelOf(block.system, contexts[block.system])
-        if len(found) != sum(is_inside):
-            return None
-        other = self._WithKernels(kernels)
-        if other is not None:
-            other.blocks = blocks
-        return other
 
     def _WithKernels(self, kernels: Mapping[int, Kernel]) -> "Evaluator | None":
         """Returns an evaluator with other kernels of some blocks, by their indices.
