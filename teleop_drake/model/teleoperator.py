@@ -211,13 +211,20 @@ def _MakeChannel(
     architecture: Architecture,
 ) -> System:
     """Returns a channel: the user's, the scenario's or, for one side, no delay."""
-    initial_value, _ = _PacketOf(architecture, name)
+    initial_value, fields = _PacketOf(architecture, name)
     if side is not None:
         if channel is not None:
             Refuse(name, channel.get_name(), "left out: a side hears packets")
         return TransportDelay(delay=0.0, size=size, initial_value=initial_value)
     if channel is None:
-        channel = MakeChannelOf(scenario, name, architecture, size)
+        config = getattr(scenario, name)
+        made = config.MakeChannel(
+            size=size,
+            initial_value=initial_value,
+            duration=scenario.duration,
+            stream=name,
+        )
+        channel = WithFieldDelays(made, config.fields, fields, initial_value, name)
     return AsChannel(name, channel, size)
 
 
@@ -228,28 +235,6 @@ def _PacketOf(
     if channel == "forward_channel":
         return architecture.initial_forward_packet, architecture.forward_fields
     return architecture.initial_return_packet, architecture.return_fields
-
-
-def MakeChannelOf(
-    scenario: Scenario, name: str, architecture: Architecture, size: int
-) -> System:
-    """Makes the channel of a scenario with a name, for an architecture's packets.
-
-    Args:
-        size: Width of the packet.
-
-    Raises:
-        ScenarioError: If a parameter is not allowed.
-    """
-    config = getattr(scenario, name)
-    initial_value, fields = _PacketOf(architecture, name)
-    channel = config.MakeChannel(
-        size=size,
-        initial_value=initial_value,
-        duration=scenario.duration,
-        stream=name,
-    )
-    return WithFieldDelays(channel, config.fields, fields, initial_value, name)
 
 
 _CONNECTIONS = (

@@ -8,7 +8,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.study.page.page import MakePage
 from teleop_drake.thesis.claims.claim import Claim
 
@@ -67,7 +66,7 @@ def FigureOf(claim: Claim) -> str:
 def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
     """Returns the data of a task for the report's script.
 
-    These are its inputs and controllers, see DataOfRuns(), its network, and the
+    These are its inputs and controllers, see DataOfRuns(), and the
     claims beside its figures.
     """
     page = MakePage(
@@ -76,7 +75,6 @@ def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
     data = page.data
     sliders = [x for x in data["inputs"] if not x["isField"]]
     names = {x["name"] for x in sliders}
-    network = AsTeleoperation(LoadScenario(task)).controller.network.MakeNetwork()
     return {
         "name": task,
         "inputs": sliders,
@@ -90,25 +88,18 @@ def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
             }
             for loop in data["controllers"]
         ],
-        "network": {
-            "centres": network.centres.tolist(),
-            "widths": network.widths.tolist(),
-        },
         "claims": [*map(_Criterion, claims)],
     }
 
 
 def _Criterion(claim: Claim) -> Mapping[str, Any]:
-    """Returns the data of a claim for judge.js.
-
-    judge.js has a function with the same name and arguments as the claim's measure.
-    """
-    measure: Any = claim.measure
+    """Returns the data of a claim for judge.js; without relations it is judged here."""
+    relations = () if claim.measure else claim.relations
     return {
-        "unit": claim.unit,
-        **getattr(measure, "keywords", {}),
-        "measure": getattr(measure, "func", measure).__name__,
         "key": claim.key,
+        "unit": claim.unit,
         "printed": claim.printed,
+        "shown": claim.shown,
         "in_kind": claim.in_kind,
+        "relations": [relation._asdict() for relation in relations],
     }

@@ -46,7 +46,7 @@ class MovedRuns(ThesisRuns):
 
 def Measured(keys, runs):
     """What some claims are found to be, by the claims' keys."""
-    return {claim.key: claim.measure(runs) for claim in CLAIMS if claim.key in keys}
+    return {claim.key: claim.Measure(runs) for claim in CLAIMS if claim.key in keys}
 
 
 def Claims(keys):
@@ -139,7 +139,7 @@ def Link(task, values):
 def AssertSame(found, measured):
     """Compares what the page finds with what the ledger does, where runs can decide."""
     judged = [key for key, x in found.items() if x["holds"] is not None]
-    assert len(judged) > 8
+    assert len(judged) > 3
     for key in judged:
         assert found[key]["holds"] == measured[key].holds, key
         if isinstance(measured[key].ours, float):
@@ -205,10 +205,10 @@ def test_runs_that_ended_are_not_judged(look, whole):
     link = Link("two_dof_combined", {"delay": 0.2})
     texts = look(whole, "judge.js", link=link)["texts"]
     ended = "cannot be judged: direct force ran away after 2.2 s"
-    for key in ("5-III-direct-unstable-x", "5-III-sluggish", "5-III-tracking"):
+    for key in ("5-III-lower-first-impact", "5-III-less-force", "5-III-tracking"):
         assert texts[key] == ended
-    # What is said about the adaptive controller alone is judged by its run.
-    assert texts["5-III-stable-on-bone"].startswith("still holds (")
+    # A claim with a measure of its own.
+    assert texts["5-III-stable-on-bone"] == "judged in Python, at 0.1 s only"
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from teleop_drake.loops.delays.base import ChannelBlock, ChannelConfig
 from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import Config
 from teleop_drake.loops.kernel.linear_part import LinearPart
 
@@ -98,6 +99,13 @@ class TransportChannelConfig(ChannelConfig):
             # LongestStep() limits the steps of the solver instead.
             max_sample_interval=math.inf,
         )
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        unused: NumberNames = {"seed": (), "duration": ()}
+        # Without delay the block is another one, and delays of fields are further ones.
+        is_number = self.delay > 0 and not self.fields
+        return {**unused, "delay": ("delay",)} if is_number else unused
 
     def LongestStep(self, duration: float) -> float:
         """Returns the delay in s; a signal that arrives in a step was sent earlier."""

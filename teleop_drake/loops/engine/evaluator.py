@@ -271,55 +271,6 @@ class Evaluator:
         """Returns the Contexts of the diagram's systems and of the inserted blocks."""
         return {**ContextsIn(self.system, context), **self._added}
 
-    def WithBlocks(
-        self, systems: Mapping[str, System], contexts: Mapping[System, Context]
-    ) -> "Evaluator | None":
-        """Returns an evaluator with other systems in the places of some.
-
-        Args:
-            systems: The other systems, by the paths of those that they replace.
-            contexts: The Contexts of the other systems and of the systems in them.
-
-        Returns:
-            The evaluator, which has the same code; None if a system does not fit.
-
-        Raises:
-            UnsupportedSystem: If a block has no kernel.
-        """
-        found: dict[int, Block] = {}
-        for path, system in systems.items():
-            own = self._InPlaceOf(path, system)
-            if own is None:
-                return None
-            found |= own
-        other = self._WithKernels(
-            {i: KernelOf(x.system, contexts[x.system]) for i, x in found.items()}
-        )
-        if other is not None:
-            other.blocks = [found.get(i, x) for i, x in enumerate(self.blocks)]
-        return other
-
-    def _InPlaceOf(self, path: str, system: System) -> dict[int, Block] | None:
-        """Returns the blocks that replace those at a path, by their indices.
-
-        Returns None if a system does not have the blocks and connections of that path.
-        """
-        is_inside = [f"{block.path}/".startswith(f"{path}/") for block in self.blocks]
-        first = is_inside.index(True)
-        blocks = {}
-        for i, block in enumerate(Flatten(system, path), first):
-            own = self.blocks[i]
-            # Connections within the system are new, those from outside remain.
-            inner = {
-                port: Source(source.block + first, source.port)
-                for port, source in block.inputs.items()
-            }
-            inputs = own.inputs | inner
-            if not is_inside[i] or (own.path, own.inputs) != (block.path, inputs):
-                return None
-            blocks[i] = replace(block, inputs=inputs)
-        return blocks if len(blocks) == sum(is_inside) else None
-
     def _WithKernels(self, kernels: Mapping[int, Kernel]) -> "Evaluator | None":
         """Returns an evaluator with other kernels of some blocks, by their indices.
 

@@ -12,7 +12,7 @@ lookup imports its module, so a scenario that names such a kind executes its cod
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from teleop_drake.loops.framework.arrays import Names
@@ -46,6 +46,10 @@ def WithFile(given: GivenFile, path: str) -> GivenFile:
     return {**given, "file": path} if isinstance(given, dict) else path
 
 
+NumberNames = Mapping[str, Names]
+"""The names of numbers in a Context, by the fields of a config; see KindConfig."""
+
+
 class KindConfig(FixedFields):
     """Base of the config dataclasses of all seams.
 
@@ -65,6 +69,14 @@ class KindConfig(FixedFields):
         super().__init_subclass__(**kwargs)
         if "kind" not in cls.__dict__:
             cls.kind = f"{cls.__module__}:{cls.__qualname__}"
+
+    def Numbers(self) -> NumberNames | None:
+        """Returns the names that fields have in the Contexts of the config's blocks.
+
+        Any other field changes the structure of a diagram, or what no Context has: its
+        diagram is made anew. None: so do all fields.
+        """
+        return None
 
 
 _T = TypeVar("_T", bound=KindConfig)

@@ -7,8 +7,7 @@ from typing import Any
 
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.loops.engine.parameters import ScalarsIn, SetNumbers
-from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.engine.parameters import ScalarsIn
 from teleop_drake.loops.framework.signals import NameOf
 from teleop_drake.loops.framework.validation import CheckChoice, CheckNames, Refuse
 from teleop_drake.loops.page.diagram_inputs import MakeDiagramInputs
@@ -16,7 +15,7 @@ from teleop_drake.loops.page.document import Page
 from teleop_drake.loops.page.fields import FieldNumbers, FindFields, FixedNumbers
 from teleop_drake.loops.page.late_wires import LateWires
 from teleop_drake.loops.page.levels import Levels
-from teleop_drake.loops.page.model import MakeModel, Model
+from teleop_drake.loops.page.model import MakeModel, Model, WithNumbers
 from teleop_drake.loops.page.plants import ViewOf
 from teleop_drake.loops.page.python_lines import DiagramParts
 from teleop_drake.loops.page.sliders import DataOfRuns, Ranges, Runs
@@ -135,24 +134,17 @@ def _DataOf(
     def Make(values: Mapping[str, float]) -> Model:
         """Returns the run at values of inputs; the first one is without any."""
         nonlocal base
-        context = job.context.Clone()
-        constants: dict[System, dict[str, Array]] = {}
-        late = wires and wires.With(values)
-        own = {x: v for x, v in values.items() if wires is None or not wires.Has(x)}
-        changed = SetNumbers(system, context, own, constants)
-        model = MakeModel(
-            system,
-            job.config,
-            job.duration,
-            context,
-            suppress_initialization_events=job.suppress_initialization_events,
-            like=base,
-            changed=changed,
-            constants=constants,
-            late=late,
-        )
-        base = base or model
-        return model
+        if base is None:
+            suppress = job.suppress_initialization_events
+            base = MakeModel(
+                system,
+                job.config,
+                job.duration,
+                job.context,
+                suppress_initialization_events=suppress,
+                late=wires,
+            )
+        return WithNumbers(base, values) if values else base
 
     # A diagram has one run, which takes the place of a controller's.
     title = NameOf(system)

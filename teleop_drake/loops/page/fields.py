@@ -8,20 +8,17 @@ field and in no other. Where this does not explain all changes, the fields are h
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import System
 
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
-from teleop_drake.loops.engine.parameters import Scalar, SetNumbers
+from teleop_drake.loops.engine.parameters import Scalar
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.validation import GainRange, ScenarioError
 from teleop_drake.loops.page.inputs import Change, Input, Maker, NearlyEqual, Slopes
-from teleop_drake.loops.page.model import MakeModel, Model
+from teleop_drake.loops.page.model import Model
 from teleop_drake.loops.page.sliders import LEAST_DELAY, DelayRange, Runs
 
 # The largest number of fields in a page.
@@ -44,34 +41,6 @@ _NOT_AFFINE = "its effect is no straight line"
 _OF_SLIDER = "a slider changes it, or changes its effect"
 _TOO_MANY = "the page has too many numbers"
 _NO_EFFECT = "it changes nothing in this run"
-
-
-def WithNumbers(model: Model, values: Mapping[str, float]) -> Model:
-    """Returns the model of a scenario's run with other numbers; see SetNumbers().
-
-    Bounds, packets and facts do not depend on these numbers.
-    """
-    context = model.diagram.CreateDefaultContext()
-    constants: dict[System, dict[str, Array]] = {}
-    late = model.late and model.late.With(values)
-    own = {x: v for x, v in values.items() if late is None or not late.Has(x)}
-    changed = SetNumbers(model.diagram, context, own, constants)
-    end, accuracy, max_step = model.numbers["run"]
-    config = SimulatorConfig(accuracy=accuracy, max_step_size=max_step)
-    other = MakeModel(
-        model.diagram,
-        config,
-        end,
-        context,
-        signals=model.signals,
-        like=model,
-        changed=changed,
-        constants=constants,
-        late=late,
-    )
-    is_of_run = ("problem.", "memory.", "run")
-    kept = {x: z for x, z in model.numbers.items() if not x.startswith(is_of_run)}
-    return replace(other, numbers=other.numbers | kept, facts=model.facts)
 
 
 def FieldNumbers(

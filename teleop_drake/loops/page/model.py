@@ -3,9 +3,8 @@
 import functools
 import inspect
 import re
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,9 @@ from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.loops.engine.check import CheckRead
-from teleop_drake.loops.engine.constants import ConstantValues
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
+from teleop_drake.loops.engine.parameters import SetNumbers
 from teleop_drake.loops.engine.problem import BREAKS, JUMPS, ROWS, Memory
 from teleop_drake.loops.engine.run import CompiledRun
 from teleop_drake.loops.framework.arrays import Array
@@ -40,6 +39,7 @@ from teleop_drake.loops.page.plants import PlantData, TreesIn
 from teleop_drake.loops.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.loops.run.compiled_run import StartOf
 from teleop_drake.loops.run.initial_modes import SetInitialModes
+from teleop_drake.loops.run.run import Job
 from teleop_drake.loops.run.stepping import LongestStep
 
 # A row of the port table in a block's docstring: the port's name and its unit.
@@ -70,8 +70,8 @@ class Model:
     """A run of a diagram as a page takes it.
 
     Attributes:
-        diagram: The simulated system.
-        signals: The output port of each shown signal, by name.
+        job: The specification of the run, with the Context before its initialization
+            events; the signals are those that are shown.
         run: The run before its start, with an evaluator that is not compiled.
         numbers: All values that may differ between runs of one program, as flat arrays
             keyed by name: the arrays of Problem, those of Memory that do not begin as
@@ -94,8 +94,7 @@ class Model:
         late: The delays on connections; None: there are none.
     """
 
-    diagram: System
-    signals: Mapping[str, OutputPort]
+    job: Job
     run: CompiledRun
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
@@ -103,6 +102,11 @@ class Model:
     facts: dict[str, Any]
     plants: dict[str, RigidBodyTree]
     late: LateWires | None
+
+    @property
+    def diagram(self) -> System:
+        """The simulated system."""
+        return self.job.diagram
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -211,7 +215,7 @@ class Model:
         paths = dict(PathsIn(self.diagram))
         return {
             name: f"{paths[port.get_system()]}:{Visible(port.get_name())}"
-            for name, port in self.signals.items()
+            for name, port in self.job.signals.items()
         }
 
 
@@ -274,9 +278,6 @@ def MakeModel(
     *,
     signals: Mapping[str, OutputPort] | None = None,
     suppress_initialization_events: bool = False,
-    like: Model | None = None,
-    changed: Collection[System] = (),
-    constants: ConstantValues = MappingProxyType({}),
     late: LateWires | None = None,
 ) -> Model:
     """Returns the model of a diagram's run, without metrics.
@@ -288,59 +289,92 @@ def MakeModel(
         context: The initial Context, which is not changed; None: the default Context.
         signals: The output port of each shown signal, by name; None: SignalsOf().
         suppress_initialization_events: As for simulate().
-        like: The model of the diagram with other numbers, whose program is kept if
-            possible; None: there is none.
-        changed: The blocks whose numbers differ from those of `like`.
-        constants: Other values of constants of these blocks.
         late: The delays on connections; None: there are none.
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
     """
     suppress = suppress_initialization_events
-    context = StartOf(diagram, context, suppress_initialization_events=suppress)
-    shown = _ShownOf(diagram) if signals is None else signals
-    if like is None:
-        evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown, late)
-    else:
-        evaluator = like.run.evaluator.With(
-            context, changed, constants=constants, inserted=late
-        )
-        has_zero_delays = like.has_zero_delays
-        if constants and not suppress:
-            SetInitialModes(evaluator, context)
-    end = context.get_time() + duration
-    max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
-    run = CompiledRun(
-        evaluator,
-        context,
-        end=end,
-        accuracy=config.accuracy,
-        max_step=max_step,
+    job = Job(
+        diagram=diagram,
+        context=context or diagram.CreateDefaultContext(),
+        config=config,
+        duration=duration,
+        signals=_ShownOf(diagram) if signals is None else signals,
+        suppress_initialization_events=suppress,
     )
-    if like is None:
-        CheckRead(evaluator, context)
+    start = StartOf(diagram, job.context, suppress_initialization_events=suppress)
+    evaluator, has_zero_delays = _MakeEvaluator(diagram, start, job.signals, late)
+    model = _ModelAt(job, start, evaluator, late, has_zero_delays=has_zero_delays)
+    CheckRead(evaluator, start)
+    return model
+
+
+def WithNumbers(model: Model, values: Mapping[str, float]) -> Model:
+    """Returns the model of a run with other numbers; see SetNumbers().
+
+    Its program is kept if possible. Bounds, packets and facts do not depend on numbers.
+    """
+    job = model.job
+    context = job.context.Clone()
+    constants: dict[System, dict[str, Array]] = {}
+    late = model.late and model.late.With(values)
+    own = {x: v for x, v in values.items() if late is None or not late.Has(x)}
+    changed = SetNumbers(job.diagram, context, own, constants)
+    suppress = job.suppress_initialization_events
+    start = StartOf(job.diagram, context, suppress_initialization_events=suppress)
+    evaluator = model.run.evaluator.With(
+        start, changed, constants=constants, inserted=late
+    )
+    if constants and not suppress:
+        SetInitialModes(evaluator, start)
+    has_zero_delays = model.has_zero_delays
+    other = _ModelAt(job, start, evaluator, late, has_zero_delays=has_zero_delays)
+    is_of_run = ("problem.", "memory.", "run")
+    kept = {x: z for x, z in model.numbers.items() if not x.startswith(is_of_run)}
+    return replace(other, numbers=other.numbers | kept, facts=model.facts)
+
+
+def _ModelAt(
+    job: Job,
+    start: Context,
+    evaluator: Evaluator,
+    late: LateWires | None,
+    *,
+    has_zero_delays: bool,
+) -> Model:
+    """Returns the model of a run that begins at a Context.
+
+    Args:
+        start: The Context, after its initialization events.
+        evaluator: The evaluator with the numbers of the Context.
+    """
+    diagram = job.diagram
+    longest = LongestStep(diagram, start, of_delays=False)
+    max_step = min(job.config.max_step_size, longest)
+    end = start.get_time() + job.duration
+    accuracy = job.config.accuracy
+    run = CompiledRun(evaluator, start, end=end, accuracy=accuracy, max_step=max_step)
     surfaces = SurfacesIn(SystemsByPath(diagram)) or ()
     # The run ends when a signal is not finite, or is too large.
-    width = run.evaluator.program.sizes[0]
+    width = evaluator.program.sizes[0]
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
     numbers: dict[str, ArrayLike] = {
         **{f"problem.{name}": x for name, x in Fields(run.problem).items()},
         **_Begun(run.memory),
-        "run": [end, config.accuracy, max_step],
+        "run": [end, accuracy, max_step],
         "bounds": [0.0, width, -_LARGEST, _LARGEST],
         "surfaces": planes,
     }
     return Model(
-        diagram=diagram,
-        signals=shown,
+        job=job,
         run=run,
         has_zero_delays=has_zero_delays,
         numbers=Flat(numbers),
         surfaces=surfaces,
         facts=_FactsOf(run, surfaces),
         late=late,
-        plants=TreesIn(diagram, context, evaluator.left_out),
+        plants=TreesIn(diagram, start, evaluator.left_out),
     )
 
 

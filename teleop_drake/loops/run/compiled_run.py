@@ -68,7 +68,6 @@ class CompiledDiagram:
         longest_step: The longest step that the blocks allow, s.
         is_checked: Whether all code of a user's own has been compared with Drake, or
             there is no such code.
-        parts: Systems that replace systems of the diagram, by their paths.
         has_constants: Whether constants of systems differ from those of the diagram.
         omitted: The names of signals that are not recorded.
         problems: The problem of the last run, by the time of its end.
@@ -83,7 +82,6 @@ class CompiledDiagram:
     past: Past | None
     longest_step: float
     is_checked: bool
-    parts: Mapping[str, System] = field(default_factory=dict)
     has_constants: bool = False
     omitted: Sequence[str] = ()
     problems: dict[float, Packed] = field(default_factory=dict, init=False)
@@ -91,16 +89,12 @@ class CompiledDiagram:
     @cached_property
     def systems(self) -> dict[str, System]:
         """The systems of the model by their paths."""
-        systems = SystemsByPath(self.diagram)
-        for path, part in self.parts.items():
-            systems |= SystemsByPath(part, path)
-        return systems
+        return SystemsByPath(self.diagram)
 
     @cached_property
     def _has_final_context(self) -> bool:
         """Whether a Context of the diagram can have all that a run ends with."""
-        is_of_diagram = not (self.parts or self.has_constants)
-        return is_of_diagram and CanWritePast(self.evaluator)
+        return not self.has_constants and CanWritePast(self.evaluator)
 
     @cached_property
     def _random_sources(self) -> list[RandomSource]:
@@ -176,14 +170,12 @@ class CompiledDiagram:
             ScenarioError: If there is no such number, or the value is not allowed.
             CannotCompile: If the diagram has no program with these numbers.
         """
-        changed_context = context.Clone()
+        start = context.Clone()
+        start.SetAccuracy(EVENT_ACCURACY)
         constants: dict[System, dict[str, Array]] = {}
-        systems = SetNumbers(self.diagram, changed_context, numbers, constants)
-        start = StartOf(
-            self.diagram,
-            changed_context,
-            suppress_initialization_events=suppress_initialization_events,
-        )
+        systems = SetNumbers(self.diagram, start, numbers, constants)
+        if not suppress_initialization_events:
+            self.diagram.ExecuteInitializationEvents(start)
         places = self.places
         if constants:
             # A user's own code is compared with Drake, which has the old constants.
@@ -204,6 +196,7 @@ class CompiledDiagram:
             SetInitialModes(evaluator, start)
         compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
         compiled.omitted = self.omitted
+        compiled.systems = self.systems
         if constants:
             compiled.is_checked = True
             compiled.has_constants = True

@@ -14,10 +14,9 @@ from teleop_drake.loops.page.fields import (
     FieldNumbers,
     FindFields,
     FixedNumbers,
-    WithNumbers,
 )
 from teleop_drake.loops.page.inputs import Input, Maker
-from teleop_drake.loops.page.model import Model
+from teleop_drake.loops.page.model import Model, WithNumbers
 from teleop_drake.loops.page.sliders import (
     DataOfRuns,
     DelayRange,

@@ -1,88 +1,49 @@
 """Chapter 4: one degree of freedom."""
 
-import math
+from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
 from teleop_drake.loops.delays.network import NetworkChannelConfig
-from teleop_drake.thesis.claims.claim import (
-    Claim,
-    Found,
-    IsLess,
-    NetworksLearn,
-    Pair,
-    Settling,
-)
+from teleop_drake.thesis.claims.claim import Claim, Found, NetworksLearn
 from teleop_drake.thesis.claims.measures import FarShare, LargestJump
+from teleop_drake.thesis.claims.relation import SETTLING, Pair, Relation
 from teleop_drake.thesis.runs import ADAPTIVE, Delay, ThesisRuns
 
 _V_D = 1e-3
 """The velocity that the surgeon commands, m/s."""
 
 _START = "start_velocity_overshoot"
+_FIRST = "collision.initial_impact_force"
+_LARGEST = "collision.peak_force"
 
 
-def _Number(runs: ThesisRuns, metric: str, which: str, in_kind: str) -> Found:
-    direct, adaptive = runs.OfBoth("one_dof").Numbers(metric)
-    holds = {
-        "larger with direct force": direct > adaptive,
-        "smaller with direct force": direct < adaptive,
-        "more negative with direct force": direct < adaptive < 0,
-        "the same in both": abs(direct / adaptive - 1) < 0.01,
-    }
-    return Found(holds[in_kind], direct if which == "direct" else adaptive)
+# The relations for which a printed number stands, as arguments of Relation.
+_IN_KIND: dict[str, Sequence[dict[str, Any]]] = {
+    "larger with direct force": [{}],
+    "smaller with direct force": [{"relation": ">"}],
+    "more negative with direct force": [{"relation": ">"}, {"factor": 0.0}],
+    "the same in both": [{"relation": "=", "tolerance": 0.01}],
+}
 
 
-def _Reduction(runs: ThesisRuns, metric: str) -> Found:
-    direct, adaptive = runs.OfBoth("one_dof").Numbers(metric)
-    return Found(abs(adaptive) < abs(direct), 1 - adaptive / direct)
-
-
-def _SameAtPuncture(runs: ThesisRuns) -> Found:
-    both = runs.OfBoth("one_dof")
-    speeds, forces = (both.Numbers(f"puncture.{x}") for x in ("velocity", "force"))
-    text = f"speed: {Pair(*speeds, 'mm/s')}; force: {Pair(*forces, 'mN')}"
-    return Found(all(abs(a / b - 1) < 0.01 for a, b in (speeds, forces)), text)
-
-
-def _ImpactOrder(runs: ThesisRuns) -> Found:
-    both = runs.OfBoth("one_dof")
-    first = both.Numbers("collision.initial_impact_force")
-    largest = both.Numbers("collision.peak_force")
-    return Found(
-        first[0] < first[1] < largest[0] and math.isclose(first[1], largest[1]),
-        f"first: {Pair(*first, 'mN')}; largest: {Pair(*largest, 'mN')}",
-    )
-
-
-def _DirectStartOvershoot(runs: ThesisRuns) -> Found:
-    ours = runs.OfBoth("one_dof").direct[_START] / _V_D
-    return Found(ours > 0.05, f"{ours:.1%}")
-
-
-def _NoStartOvershoot(runs: ThesisRuns) -> Found:
-    ours = runs.OfBoth("one_dof").adaptive[_START] / _V_D
-    no_delay = runs.Short("one_dof", ADAPTIVE, Delay(0.0))[_START] / _V_D
-    return Found(
-        ours < 0.01,
-        f"{ours:.1%}",
+def _WithoutDelay(runs: ThesisRuns) -> str:
+    overshoot = runs.Short("one_dof", ADAPTIVE, Delay(0.0))[_START]
+    return (
         "The surgeon's loop overshoots, not the controller: the haptic device "
         "integrates the error for the 0.2 s until the tool's velocity is felt. Without "
-        f"delay it is {no_delay:.1%}.",
+        f"delay it is {overshoot / _V_D:.1%}."
     )
 
 
-def _Settling(runs: ThesisRuns) -> Found:
-    both = runs.OfBoth("one_dof")
-    direct, adaptive, text = Settling(both)
-    observed = both.direct.recording.time[-1] - both.direct["collision.time"]
-    return Found(
-        adaptive is not None and (direct is None or adaptive <= direct / 2),
-        text.replace("never", f"not within {observed:.2g} s"),
+def _FewerContacts(runs: ThesisRuns) -> Found:
+    direct, adaptive = (
+        len(run.recording.EventTimes("contact")) for run in runs.OfBoth("one_dof")
     )
+    return Found(adaptive < direct, Pair(direct, adaptive, "contacts"))
 
 
 def _Smooth(runs: ThesisRuns) -> Found:
@@ -163,7 +124,9 @@ def _NumbersOfBoth(
             in_kind=in_kind,
             fitted=printed.is_fitted,
             reason=printed.reason,
-            measure=partial(_Number, metric=metric, which=which, in_kind=in_kind),
+            task="one_dof",
+            relations=[Relation(metric, unit, **x) for x in _IN_KIND[in_kind]],
+            shown=which,
         )
         for which, name, printed in (
             ("direct", "direct force", direct),
@@ -193,7 +156,9 @@ CLAIMS = [
         in_kind="there is a reduction",
         fitted=True,
         reason=_FITTED,
-        measure=partial(_Reduction, metric="puncture.velocity_overshoot"),
+        task="one_dof",
+        relations=[Relation("puncture.velocity_overshoot")],
+        shown="reduction",
     ),
     *_NumbersOfBoth(
         "puncture-force",
@@ -214,7 +179,11 @@ CLAIMS = [
             "Speed, and with it the sensed force, is the same in both at the puncture."
         ),
         criterion="both differ by less than 1 %",
-        measure=_SameAtPuncture,
+        task="one_dof",
+        relations=[
+            Relation("puncture.velocity", "mm/s", relation="=", tolerance=0.01),
+            Relation("puncture.force", "mN", relation="=", tolerance=0.01),
+        ],
     ),
     *_NumbersOfBoth(
         "rebound",
@@ -235,7 +204,12 @@ CLAIMS = [
         tolerance="5 points",
         in_kind="there is a reduction",
         reason=_LARGER,
-        measure=partial(_Reduction, metric="collision.rebound_velocity"),
+        task="one_dof",
+        relations=[
+            Relation("collision.rebound_velocity", **x)
+            for x in _IN_KIND["more negative with direct force"]
+        ],
+        shown="reduction",
     ),
     *_NumbersOfBoth(
         "first-impact",
@@ -272,7 +246,9 @@ CLAIMS = [
         tolerance="5 points",
         in_kind="there is a reduction",
         reason=_LARGER,
-        measure=partial(_Reduction, metric="collision.peak_force"),
+        task="one_dof",
+        relations=[Relation("collision.peak_force")],
+        shown="reduction",
     ),
     Claim(
         key="4-first-impact-order",
@@ -283,30 +259,46 @@ CLAIMS = [
             "and lower."
         ),
         criterion="direct first < adaptive first = adaptive largest < direct largest",
-        measure=_ImpactOrder,
+        task="one_dof",
+        relations=[
+            Relation(_FIRST, "mN", relation=">"),
+            Relation(_FIRST, "mN", of_metric=_LARGEST),
+            Relation(
+                _FIRST,
+                "mN",
+                relation="=",
+                of="adaptive",
+                of_metric=_LARGEST,
+                tolerance=1e-9,
+            ),
+        ],
     ),
     Claim(
         key="4-direct-start-overshoot",
         place="section 4.2, Fig. 4.1",
         claim="Direct force overshoots the commanded velocity at the start.",
         criterion="by more than 5 % of v_d before the puncture",
-        measure=_DirectStartOvershoot,
+        task="one_dof",
+        relations=[
+            Relation(_START, run="direct", relation=">", factor=0.05, of="speed")
+        ],
     ),
     Claim(
         key="4-no-start-overshoot",
         place="section 4.2, 6.1",
         claim="The adaptive controller does not overshoot at the start.",
         criterion="less than 1 % of v_d before the puncture",
-        measure=_NoStartOvershoot,
+        task="one_dof",
+        relations=[Relation(_START, factor=0.01, of="speed")],
+        remark=_WithoutDelay,
     ),
     Claim(
         key="4-tracking",
         place="section 4.2, Fig. 4.1",
         claim="The adaptive controller tracks the velocity much better.",
         criterion="less than half the rms of v - v_d(t - T_f) over the run",
-        measure=partial(
-            IsLess, task="one_dof", of="velocity_rms_error", than=0.5, unit="mm/s"
-        ),
+        task="one_dof",
+        relations=[Relation("velocity_rms_error", "mm/s", factor=0.5)],
     ),
     Claim(
         key="4-settling",
@@ -319,14 +311,15 @@ CLAIMS = [
             "Direct force pushes with a constant force on a spring without "
             "damping. Only the slider's friction brings it to rest, later."
         ),
-        measure=_Settling,
+        task="one_dof",
+        relations=[Relation(SETTLING, "s", factor=0.5)],
     ),
     Claim(
         key="4-fewer-oscillations",
         place="section 4.2, Fig. 4.2",
         claim="The tool bounces less on the bone with the adaptive controller.",
         criterion="fewer contacts until the end of the run",
-        measure=partial(IsLess, task="one_dof", of="contacts", unit="contacts"),
+        measure=_FewerContacts,
     ),
     Claim(
         key="4-smooth",

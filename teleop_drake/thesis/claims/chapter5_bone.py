@@ -6,42 +6,35 @@ from functools import partial
 
 import numpy as np
 
-from teleop_drake.thesis.claims.chapter5_tissue import CASES, SETTLING, V_D
+from teleop_drake.thesis.claims.chapter5_tissue import CASES, V_D
 from teleop_drake.thesis.claims.claim import (
     Claim,
     Compared,
     Found,
-    IsLess,
     Listed,
-    Pair,
     Seconds,
-    Settling,
     Shares,
 )
 from teleop_drake.thesis.claims.measures import (
     During,
     FirstEvent,
     ImpactForces,
+    LargestJump,
     PathError,
     RiseTime,
 )
+from teleop_drake.thesis.claims.relation import NEVER, SETTLING, Pair, Relation
 from teleop_drake.thesis.runs import ADAPTIVE, Delay, ThesisRuns
 
 
-def _NeverConverges(runs: ThesisRuns, task: str) -> Found:
-    direct, adaptive, text = Settling(Compared(runs, task))
-    return Found(direct is None and adaptive is not None, text)
+def _SpeedAtContact(runs: ThesisRuns, task: str) -> str:
+    speeds = Compared(runs, task).Numbers("collision.velocity")
+    return f"Speed at the contact: {Pair(*speeds, 'm/s')}."
 
 
-def _LowerFirstImpact(runs: ThesisRuns, task: str) -> Found:
-    both = Compared(runs, task)
-    direct, adaptive = both.Numbers("collision.initial_impact_force")
-    speeds = Pair(*both.Numbers("collision.velocity"), "m/s")
-    return Found(
-        adaptive <= 0.75 * direct,
-        Pair(direct, adaptive, "N"),
-        f"Speed at the contact: {speeds}.",
-    )
+def _NoJumps(runs: ThesisRuns, task: str) -> Found:
+    direct, adaptive = (LargestJump(run) for run in Compared(runs, task))
+    return Found(adaptive < 0.01 * direct, Pair(direct, adaptive, "N"))
 
 
 def _DirectPosition(runs: ThesisRuns, task: str) -> Found:
@@ -124,17 +117,20 @@ _FREE = "Nothing holds the tool there, with a delay or without."
 def _InBothCases(
     key: str,
     figures: Sequence[str],
-    measure: Callable[..., Found],
-    *,
+    *relations: Relation,
     claim: str,
     criterion: str,
     reason: str = "",
+    measure: Callable[..., Found] | None = None,
+    remark: Callable[..., str] | None = None,
 ) -> list[Claim]:
     """Returns two equal claims, for case II and for case III.
 
     Args:
         figures: The numbers of the figures in either case.
+        relations: The relations of the runs of a case.
         measure: The measure, which takes the runs and the `task` of a case.
+        remark: The remark, which takes the same.
     """
     return [
         Claim(
@@ -143,7 +139,10 @@ def _InBothCases(
             claim=claim,
             criterion=criterion,
             reason=reason,
-            measure=partial(measure, task=CASES[case]),
+            task=CASES[case],
+            relations=relations,
+            measure=measure and partial(measure, task=CASES[case]),
+            remark=remark and partial(remark, task=CASES[case]),
         )
         for case, figure in zip(("II", "III"), figures, strict=True)
     ]
@@ -158,23 +157,21 @@ CLAIMS = [
             "the collision."
         ),
         criterion=_HALF_THE_ERROR,
-        measure=partial(
-            IsLess, of="velocity_rms_error", than=0.5, unit="m/s", task=CASES["II"]
-        ),
+        task=CASES["II"],
+        relations=[Relation("velocity_rms_error", "m/s", factor=0.5)],
     ),
     Claim(
         key="5-III-tracking",
         place="section 5.2, case III, Fig. 5.14",
         claim="Adaptive tracks the velocity well on both axes.",
         criterion=_HALF_THE_ERROR,
-        measure=partial(
-            IsLess, of="velocity_rms_error", than=0.5, unit="m/s", task=CASES["III"]
-        ),
+        task=CASES["III"],
+        relations=[Relation("velocity_rms_error", "m/s", factor=0.5)],
     ),
     *_InBothCases(
         "direct-never-converges",
         ("5.7", "5.14"),
-        _NeverConverges,
+        Relation(SETTLING, "s", factor=NEVER),
         claim="Direct force never converges; the adaptive controller does.",
         criterion="only the latter comes to rest (5 % of v_d) before the end",
         reason=(
@@ -185,7 +182,8 @@ CLAIMS = [
     *_InBothCases(
         "lower-first-impact",
         ("5.8", "5.15"),
-        _LowerFirstImpact,
+        Relation("collision.initial_impact_force", "N", factor=0.75),
+        remark=_SpeedAtContact,
         claim="The first impact is much weaker with the adaptive controller.",
         criterion="by at least a quarter",
         reason=(
@@ -214,7 +212,7 @@ CLAIMS = [
     *_InBothCases(
         "direct-position",
         ("5.9", "5.16"),
-        _DirectPosition,
+        measure=_DirectPosition,
         claim="Direct force tracks the position well before the collision.",
         criterion="within 15 % of the way to the bone, on both axes",
         reason="The axes are coupled through M_r^-1, and the loop swings.",
@@ -242,14 +240,14 @@ CLAIMS = [
     *_InBothCases(
         "sluggish",
         ("5.9", "5.16"),
-        _Sluggish,
+        measure=_Sluggish,
         claim="The adaptive controller is sluggish at the start.",
         criterion="it takes longer to reach 90 % of v_d",
     ),
     *_InBothCases(
         "stable-on-bone",
         ("5.9", "5.16"),
-        _StableOnBone,
+        measure=_StableOnBone,
         claim="The adaptive controller reaches the bone and stays there.",
         criterion=(
             "in the end F_e is within 1 % of the commanded force, and the "
@@ -259,7 +257,7 @@ CLAIMS = [
     *_InBothCases(
         "less-force",
         ("5.10", "5.17"),
-        partial(IsLess, of="control_force_peak", unit="N"),
+        Relation("control_force_peak", "N"),
         claim="Adaptive needs less control force.",
         criterion="lower peak on every axis",
         reason=(
@@ -270,14 +268,14 @@ CLAIMS = [
     *_InBothCases(
         "less-variation",
         ("5.10", "5.17"),
-        partial(IsLess, of="control_force_variation", unit="N"),
+        Relation("control_force_variation", "N"),
         claim="The adaptive controller's force is the smoother one: it moves less.",
         criterion="lower total variation on every axis",
     ),
     *_InBothCases(
         "no-jumps",
         ("5.10", "5.17"),
-        partial(IsLess, of="largest jump", than=0.01, unit="N"),
+        measure=_NoJumps,
         claim=(
             "The adaptive controller's force is smooth; that of direct force is abrupt."
         ),

@@ -8,9 +8,7 @@ from teleop_drake.thesis.claims.claim import (
     Claim,
     Compared,
     Found,
-    IsLess,
     NetworksLearn,
-    Pair,
     Seconds,
 )
 from teleop_drake.thesis.claims.learning import UnrepresentedShare
@@ -18,13 +16,13 @@ from teleop_drake.thesis.claims.measures import (
     Amplitude,
     During,
 )
+from teleop_drake.thesis.claims.relation import Pair, Relation
 from teleop_drake.thesis.runs import ADAPTIVE, DIRECT, TASKS, ThesisRuns
 
 V_D = 0.1
 """The velocity along x that the surgeon commands, m/s."""
 
 CASES = dict(zip(("I", "II", "III"), TASKS[1:], strict=True))
-SETTLING = "collision.settling_time"
 
 
 def _SmoothStart(runs: ThesisRuns) -> Found:
@@ -32,11 +30,6 @@ def _SmoothStart(runs: ThesisRuns) -> Found:
     puncture = run.Number("puncture.time")
     late = float(Amplitude(run.recording, puncture - 1.0, puncture)[0])
     return Found(late < 0.05 * V_D, f"{late / V_D:.1%}")
-
-
-def _NoOvershoot(runs: ThesisRuns) -> Found:
-    start = float(Compared(runs, CASES["I"]).adaptive["start_velocity_overshoot"])
-    return Found(start < 0.01 * V_D, f"{start / V_D:.1%}")
 
 
 def _DirectOscillates(runs: ThesisRuns) -> Found:
@@ -112,7 +105,8 @@ CLAIMS = [
         claim="Adaptive does so without any overshoot.",
         criterion="v_x exceeds v_d by less than 1 % of it before the puncture",
         reason="As with one axis, the surgeon's loop overshoots.",
-        measure=_NoOvershoot,
+        task=CASES["I"],
+        relations=[Relation("start_velocity_overshoot", factor=0.01, of="speed")],
     ),
     Claim(
         key="5-I-direct-oscillates",
@@ -155,13 +149,8 @@ CLAIMS = [
             "less than half the rms of v - v_d(t - T_f) of direct force on both"
             " axes, inside the workspace"
         ),
-        measure=partial(
-            IsLess,
-            task="two_dof_puncture",
-            of="velocity_rms_error",
-            than=0.5,
-            unit="m/s",
-        ),
+        task=CASES["I"],
+        relations=[Relation("velocity_rms_error", "m/s", factor=0.5)],
     ),
     Claim(
         key="5-I-less-force",
@@ -172,18 +161,16 @@ CLAIMS = [
             "The backstepping law pushes hard at the start and stops the "
             "bouncing with force."
         ),
-        measure=partial(
-            IsLess, task="two_dof_puncture", of="control_force_peak", unit="N"
-        ),
+        task=CASES["I"],
+        relations=[Relation("control_force_peak", "N")],
     ),
     Claim(
         key="5-I-less-variation",
         place="section 5.2, case I, Fig. 5.3",
         claim="The adaptive controller's force is the smoother one: it moves less.",
         criterion="lower total variation on every axis, inside the workspace",
-        measure=partial(
-            IsLess, task="two_dof_puncture", of="control_force_variation", unit="N"
-        ),
+        task=CASES["I"],
+        relations=[Relation("control_force_variation", "N")],
     ),
     Claim(
         key="5-I-networks",

@@ -4,14 +4,15 @@ The claims themselves are in the modules of the chapters, beside their measures.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.thesis.claims.measures import LargestJump, UnlearnedShare
-from teleop_drake.thesis.runs import ADAPTIVE, Both, Run, ThesisRuns
+from teleop_drake.thesis.claims.measures import UnlearnedShare
+from teleop_drake.thesis.claims.relation import SCALES, Axes, Compare, Relation
+from teleop_drake.thesis.runs import ADAPTIVE, Both, ThesisRuns
 
 REPRODUCED = "reproduced"
 IN_KIND = "reproduced in kind"
@@ -71,8 +72,16 @@ class Found(NamedTuple):
 class Claim:
     """A claim before it is measured; see Row.
 
+    Its relations are evaluated here and in the executable thesis. With a measure of its
+    own, it is judged here only.
+
     Attributes:
-        measure: The function that measures it on runs.
+        task: The scenario whose runs with both controllers the relations compare.
+        relations: The relations that all have to hold.
+        measure: The function that measures the claim in the place of relations.
+        remark: A function that returns a text to add to the reason.
+        shown: Of a printed number, what stands for it in the first relation: the metric
+            of the run `direct` or `adaptive`, or the `reduction` by the latter.
         printed: The thesis's number, in `unit`; None: there is a criterion instead.
         tolerance: The tolerance of the number: "5 %" of it, or "5 points" of the unit.
         in_kind: The relation for which the number stands, in words.
@@ -83,7 +92,11 @@ class Claim:
     key: str
     place: str
     claim: str
-    measure: Callable[[ThesisRuns], Found]
+    task: str = ""
+    relations: Sequence[Relation] = ()
+    measure: Callable[[ThesisRuns], Found] | None = None
+    remark: Callable[[ThesisRuns], str] | None = None
+    shown: str = ""
     criterion: str = ""
     reason: str = ""
     printed: float | None = None
@@ -92,10 +105,24 @@ class Claim:
     in_kind: str = ""
     fitted: bool = False
 
+    def Measure(self, runs: ThesisRuns) -> Found:
+        """Measures the claim on runs."""
+        if self.measure is not None:
+            return self.measure(runs)
+        both = Compared(runs, self.task)
+        holds = all(relation.Holds(both) for relation in self.relations)
+        ours: str | float = Compare(self.relations, both)
+        if self.printed is not None:
+            direct, adaptive = both.Numbers(self.relations[0].metric)
+            reduction = 1 - adaptive / direct
+            values = {"direct": direct, "adaptive": adaptive, "reduction": reduction}
+            ours = values[self.shown]
+        return Found(holds, ours, "" if self.remark is None else self.remark(runs))
+
     def Judge(self, runs: ThesisRuns) -> Row:
         """Measures the claim on runs, and returns its row of the ledger."""
         runs.used.clear()
-        found = self.measure(runs)
+        found = self.Measure(runs)
         verdict = REPRODUCED if found.holds else REFUTED
         if found.holds is None:
             verdict = NOT_DETERMINABLE
@@ -105,7 +132,7 @@ class Claim:
         difference = ""
         # If the thesis prints a number, its tolerance is decisive before `holds`.
         if self.printed is not None:
-            number = _SCALES[self.unit] * float(found.ours)
+            number = SCALES[self.unit] * float(found.ours)
             verdict = IN_KIND if found.holds else REFUTED
             if abs(number - self.printed) <= self.width:
                 verdict = IN_KIND if self.fitted else REPRODUCED
@@ -151,43 +178,12 @@ class Claim:
         return float(size) * (abs(self.printed) / 100 if kind == "%" else 1.0)
 
 
-_SCALES = {"mm": 1e3, "mm/s": 1e3, "mN": 1e3, "%": 1e2}
-"""The number of each unit in one SI unit; 1 for all other units."""
-
-
 def Compared(runs: ThesisRuns, task: str) -> Both:
     """Returns both runs of a task; in case I their parts inside the workspace."""
     both = runs.OfBoth(task)
     if task != "two_dof_puncture":
         return both
     return Both(both.direct.inside, both.adaptive.inside)
-
-
-_QUANTITIES: dict[str, Callable[[Run], float]] = {
-    "largest jump": LargestJump,
-    "contacts": lambda run: len(run.recording.EventTimes("contact")),
-}
-
-
-def IsLess(
-    runs: ThesisRuns, *, task: str, of: str, unit: str, than: float = 1.0
-) -> Found:
-    """Measures whether a quantity is less with the adaptive controller on every axis.
-
-    Args:
-        task: The scenario.
-        of: A metric, or a key of _QUANTITIES.
-        unit: The unit of our values.
-        than: The limit, as a multiple of the value with direct force.
-    """
-    direct, adaptive = (
-        np.atleast_1d(_QUANTITIES[of](run) if of in _QUANTITIES else run[of])
-        for run in Compared(runs, task)
-    )
-    holds = (adaptive < than * direct).all()
-    if len(direct) == 1:
-        return Found(holds, Pair(float(direct[0]), float(adaptive[0]), unit))
-    return Found(holds, f"direct {Axes(direct)}; adaptive {Axes(adaptive)} {unit}")
 
 
 def NetworksLearn(runs: ThesisRuns, task: str) -> Found:
@@ -199,17 +195,6 @@ def NetworksLearn(runs: ThesisRuns, task: str) -> Found:
 # The text of numbers in the rows.
 
 
-def Pair(direct: float, adaptive: float, unit: str = "") -> str:
-    """Returns the values of direct force and of the adaptive controller."""
-    scale = _SCALES.get(unit, 1.0)
-    return f"direct {scale * direct:.4g}, adaptive {scale * adaptive:.4g} {unit}"
-
-
-def Axes(values: Iterable[float], axes: str = "xyz", form: str = ".3g") -> str:
-    """Returns one value per axis, such as "x 0.1, y 0.2"."""
-    return ", ".join(f"{a} {x:{form}}" for a, x in zip(axes, values, strict=False))
-
-
 def Shares(values: np.ndarray, axes: str = "xy") -> str:
     """Returns one share per axis in per cent."""
     return Axes(values, axes, ".1%")
@@ -218,12 +203,6 @@ def Shares(values: np.ndarray, axes: str = "xy") -> str:
 def Seconds(time: float | None) -> str:
     """Returns a time in seconds, "never" if there is none."""
     return "never" if time is None else f"{time:.3g} s"
-
-
-def Settling(both: Both) -> tuple[float | None, float | None, str]:
-    """Returns the settling times of both runs on the bone, in s, and their text."""
-    direct, adaptive = (run["collision.settling_time"] for run in both)
-    return direct, adaptive, f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
 
 
 def Listed(values: Iterable[float]) -> str:

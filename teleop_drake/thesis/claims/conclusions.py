@@ -11,14 +11,7 @@ from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.model.scenario.tree import ToTree
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.stability import AnalyzeStability
-from teleop_drake.thesis.claims.claim import (
-    Axes,
-    Claim,
-    Found,
-    Pair,
-    Seconds,
-    Settling,
-)
+from teleop_drake.thesis.claims.claim import Claim, Found, Seconds
 from teleop_drake.thesis.claims.learning import (
     INSIDE,
     PathDistance,
@@ -26,6 +19,7 @@ from teleop_drake.thesis.claims.learning import (
     WeightDrift,
 )
 from teleop_drake.thesis.claims.measures import Rms
+from teleop_drake.thesis.claims.relation import SETTLING, Axes, Pair, ValuesOf
 from teleop_drake.thesis.claims.separate_updates import SeparateUpdatesConfig
 from teleop_drake.thesis.runs import (
     ADAPTIVE,
@@ -43,7 +37,6 @@ _THIRD = "two_dof_combined"
 _OVERSHOOT = "puncture.velocity_overshoot"
 _FIRST = "collision.initial_impact_force"
 _LARGEST = "collision.peak_force"
-_SETTLING = "collision.settling_time"
 _COMPARED = ("start_velocity_overshoot", _OVERSHOOT, _FIRST, _LARGEST)
 """The metrics that the thesis compares and in which lower is better."""
 
@@ -76,8 +69,9 @@ def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
 
 
 def _RestWithoutDelay(runs: ThesisRuns) -> Found:
-    direct, adaptive, text = Settling(runs.ShortOfBoth(_THIRD, Delay(0.0)))
-    return Found(direct is not None and adaptive is not None, text)
+    both = runs.ShortOfBoth(_THIRD, Delay(0.0))
+    direct, adaptive = (ValuesOf(both, x, SETTLING)[0] for x in both._fields)
+    return Found(max(direct, adaptive) < np.inf, Pair(direct, adaptive, "s"))
 
 
 def _DelayCausesOvershoot(runs: ThesisRuns) -> Found:
@@ -119,7 +113,7 @@ def _HigherDelays(runs: ThesisRuns) -> Found:
     direct, adaptive = runs.ShortOfBoth(_THIRD, Delay(0.2))
     fourfold = runs.Short(_THIRD, ADAPTIVE, Delay(0.4), {"duration": 6.0})
     overshoots = [run.Number(_OVERSHOOT) / 0.1 for run in (adaptive, fourfold)]
-    settling = adaptive[_SETTLING]
+    settling = adaptive[SETTLING]
     return Found(
         direct["diverged"]
         and not adaptive["diverged"]
@@ -184,7 +178,7 @@ def _AddsRobustness(runs: ThesisRuns) -> Found:
     ratios = {}
     for title, (name, change) in _ENVIRONMENTS.items():
         tried = [runs(name, ADAPTIVE, change, x) for x in ({}, NO_ADAPTATION)]
-        for metric in (*_COMPARED, _SETTLING):
+        for metric in (*_COMPARED, SETTLING):
             # A metric is skipped if no run has it (NaN), if it is 0 in both runs, or if
             # no run settles (infinity).
             values = [_OrNever(run, metric) for run in tried]
@@ -211,7 +205,7 @@ def _AdaptationMatters(runs: ThesisRuns) -> Found:
     for name in TASKS:
         silent = runs.Short(name, ADAPTIVE, NO_ADAPTATION)
         run = runs(name, ADAPTIVE)
-        for metric in (*_COMPARED, "collision.rebound_velocity", _SETTLING):
+        for metric in (*_COMPARED, "collision.rebound_velocity", SETTLING):
             if silent[metric] is not None:
                 ratio = silent.Number(metric) / run.Number(metric)
                 changes[f"{name} {metric.split('.')[-1]}"] = ratio - 1

@@ -12,7 +12,7 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import LeafSystem, PortDataType, System
 from test_block_table import Scenes
 
-import teleop_drake.blocks
+from teleop_drake import loops, model
 from teleop_drake.loops import simulate
 from teleop_drake.loops.framework.signals import VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts
@@ -62,19 +62,28 @@ def test_a_system_of_drake_runs_alone(name):
     check(make())
 
 
+OWN = "teleop_drake."
+
+
+def BlockModules():
+    """Yields the modules of the rooms that have blocks."""
+    for room in (loops.blocks, loops.delays, model.blocks):
+        for found in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            yield importlib.import_module(found.name)
+
+
 def block_classes() -> dict[str, type]:
     """Returns the classes of blocks that the package defines, by their names."""
-    path = "teleop_drake.blocks."
     kinds = {}
-    for module in pkgutil.walk_packages(teleop_drake.blocks.__path__, path):
-        for name, kind in vars(importlib.import_module(module.name)).items():
+    for module in BlockModules():
+        for name, kind in vars(module).items():
             is_system = isinstance(kind, type) and issubclass(kind, LeafSystem)
             # Other tests may have defined subclasses, too.
             is_base = is_system and (
                 name.startswith("_")
-                or any(x.__module__.startswith(path) for x in kind.__subclasses__())
+                or any(x.__module__.startswith(OWN) for x in kind.__subclasses__())
             )
-            if is_system and not is_base and kind.__module__ == module.name:
+            if is_system and not is_base and kind.__module__ == module.__name__:
                 kinds[name] = kind
     return kinds
 

@@ -102,7 +102,7 @@ def Numbers(recording):
         {name: x.tobytes() for name, x in recording.signals.items()},
         *(recording.events, recording.channels, solver, recording.notes),
         *(recording.termination, recording.reason, recording.has_constant_command),
-        [(x.name, x.point_W.tolist()) for x in recording.surfaces],
+        [(x.name, x.point_W.tolist(), x.material) for x in recording.surfaces],
     ]
 
 
@@ -121,7 +121,7 @@ def Load(task, kind, **others):
         ("one_dof", "wave_variables", 3),
     ],
 )
-def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, made, traced):
+def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, traced):
     rng = np.random.default_rng(num)
     numbers = NUMBERS if task == "one_dof" else {"divergence_speed_ratio": (5.0, 9.0)}
     program = Compile(Load(task, kind, delay=0.05))
@@ -133,9 +133,61 @@ def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, made, tr
         channels = {"forward_channel": forward, "return_channel": back}
         runs.append(channels | others | {"duration": rng.uniform(0.3, 0.9)})
     found = [Numbers(program.Run(**changes)) for changes in runs]
-    assert len(made) == len(traced) == 1
+    assert len(traced) == 1
     for changes, numbers in zip(runs, found, strict=True):
         assert Numbers(simulate(Load(task, kind, **changes))) == numbers
+
+
+# Numbers of the Context, by the kind of controller.
+IN_CONTEXT = {
+    "adaptive_backstepping": {
+        "controller.G1": 3.0,
+        "controller.P.0.0": 1.5,
+        "controller.leakage": 0.3,
+        "surgeon.velocity.0": 0.0012,
+        "environment.layers.bone.stiffness": 91.0,
+    },
+    "direct_force": {"forward_channel": {"kind": "transport", "delay": 0.03}},
+    "damped_force": {"controller.damped_force.damping": 3.0},
+    "proportional_damping": {"controller.proportional_damping.margin": 3.0},
+    "four_channel": {"delay": 0.08, "controller.four_channel.master_mass": 0.6},
+    "wave_variables": {"controller.wave_variables.return_scaling": 0.9},
+    "smith_predictor": {"delay": 0.08},
+    "time_domain_passivity": {"surgeon.contact_force": [0.01]},
+}
+
+
+@pytest.mark.mostly_slow
+@pytest.mark.parametrize("kind", IN_CONTEXT)
+def test_numbers_of_a_context_make_no_diagram(kind, made):
+    given = {"controller.P": [[1.0]], "forward_channel.delay": 0.05}
+    given["controller.time_domain_passivity.initial_energy"] = 1e-6
+    changes = IN_CONTEXT[kind] | {"duration": 0.4}
+    found = Compile(Load("one_dof", kind, **given)).Run(**changes)
+    assert len(made) == 1
+    expected = simulate(Load("one_dof", kind, **given | changes))
+    assert Numbers(found) == Numbers(expected)
+
+
+# Fields from which defaults of architectures derive.
+SOURCES = [
+    {"controller.Lambda": 0.7},
+    {"environment.layers.tissue.damping": 0.3},
+    {"environment.layers.tissue.stiffness": 0.2, "surgeon.velocity": [0.0012]},
+    {"robot.mass": 0.6},
+    {"haptic_device.numerator": [0.3, 1.2]},
+    {"return_channel.delay": 0.2},
+]
+
+
+@pytest.mark.mostly_slow
+@pytest.mark.parametrize("kind", [kind.kind for kind in ARCHITECTURE_KINDS.kinds])
+def test_defaults_follow_the_fields_from_which_they_derive(kind):
+    given = {"controller.initial_psi": "auto", "duration": 0.3}
+    program = Compile(Load("one_dof", kind, **given))
+    for changes in SOURCES:
+        expected = simulate(Load("one_dof", kind, **given | changes))
+        assert Numbers(program.Run(**changes)) == Numbers(expected), changes
 
 
 # What stands in the loop, and two changes of numbers of it.
@@ -187,14 +239,14 @@ OUTSIDE = {
         *(pytest.param(x, marks=pytest.mark.slow) for x in list(OUTSIDE)[2:]),
     ],
 )
-def test_a_change_of_another_block_than_the_robot_makes_no_diagram(scene, made, traced):
+def test_other_fields_of_a_block_need_no_other_program(scene, traced):
     given, *runs = OUTSIDE[scene]
     given = {**SHORT, "duration": 0.4, **given}
     kind = "proportional_damping" if scene == "operator" else "adaptive_backstepping"
     given |= {"controller.kind": kind}
     program = Compile(LoadScenario("one_dof", given))
     found = [Numbers(program.Run(**changes)) for changes in runs]
-    assert len(made) == len(traced) == 1
+    assert len(traced) == 1
     for changes, numbers in zip(runs, found, strict=True):
         assert Numbers(simulate(LoadScenario("one_dof", given | changes))) == numbers
 

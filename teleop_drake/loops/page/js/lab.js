@@ -30,9 +30,9 @@ const rest = () => new Promise((go) => setTimeout(go));
 // A task's sliders, with the runs, figures and claims that depend on them.
 export class Lab {
   constructor(data) {
-    const { name, inputs, controllers, claims, network } = data;
+    const { name, inputs, controllers, claims } = data;
     const parts = inputs.flatMap((input) => input.parts ?? []);
-    Object.assign(this, { name, claims, network, runs: [], pinned: [], window: [0, 1] });
+    Object.assign(this, { name, claims, runs: [], pinned: [], window: [0, 1] });
     this.all = inputs;
     this.inputs = inputs.filter((input) => !parts.includes(input.name)).map((x) => ({ ...x }));
     this.loops = controllers.map((x) => new Loop(x, inputs));
@@ -173,10 +173,11 @@ export class Lab {
   // The marks of the numbers that the thesis prints for a signal, in the colours of the runs.
   marksOf(signal) {
     const [begin, end] = this.window;
-    return this.claims.flatMap(({ metric, which, printed, unit, measure }) => {
-      const mark = measure === "_Number" ? MARKS[metric] : undefined;
+    return this.claims.flatMap(({ shown, printed, unit, relations: [first] }) => {
+      const place = ["direct", "adaptive"].indexOf(shown);
+      const mark = place < 0 ? undefined : MARKS[first.metric];
       if (mark?.signal !== signal) return [];
-      const run = this.published[which === "direct" ? 0 : 1];
+      const run = this.published[place];
       const event = run.events.find(({ name }) => name === mark.event);
       if (!event) return [];
       const level = inSi(printed, unit) + mark.offset * run.z.command[0];
@@ -219,7 +220,7 @@ export class Lab {
 
   // Measures the claims on the current runs; shows what has changed if a slider has moved.
   judge() {
-    const evidence = new Evidence(this.runs, this);
+    const evidence = new Evidence(this.runs, this.name);
     const found = this.claims.map((claim) => [claim.key, measureClaim(evidence, claim)]);
     this.found = Object.fromEntries(found);
     this.foundFirst ??= this.found;

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckChoice,
@@ -447,6 +448,12 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
             Psi0=self.InitialPsi(facts, path),
             Psi_min=self.minimum_psi,
         )
+
+    def Numbers(self) -> NumberNames | None:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        names = (*_GAINS, "beta1", "beta2", "beta3", "nu1", "nu3", "Upsilon")
+        from_fields = dict.fromkeys(("adaptation_rate", "leakage", "supervision"), ())
+        return {**from_fields, **{name: (f"controller.{name}",) for name in names}}
 
     def MakeControlLaw(self, facts: Facts, path: str) -> AdaptiveBackstepping:
         """Makes the law."""

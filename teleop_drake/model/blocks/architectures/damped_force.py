@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckGain,
     Config,
@@ -117,6 +118,10 @@ class DampedForceConfig(LocalDamperConfig, ControlLawConfig):
         if self.damping is None:
             mass = np.linalg.eigvalsh(facts.Told("inertia", "damping"))[-1]
             self.damping = 2 * math.sqrt(facts.OperatorStiffness("damping") * mass)
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {"damping": ("controller.damping",)}
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
         """Makes the law."""

@@ -1,5 +1,6 @@
 """The baseline of the thesis: the haptic force acts on the tool as it arrives."""
 
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import CheckNumber, Config
 from teleop_drake.loops.kernel import Kernel
 from teleop_drake.model.blocks.architectures.base import (
@@ -49,6 +50,10 @@ class DirectForceConfig(ControlLawConfig):
 
     kind = "direct_force"
     derives_from_channels = False
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {}
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DirectForce:
         """Makes the law."""

@@ -4,6 +4,7 @@ from dataclasses import field, replace
 from typing import Any, ClassVar
 
 from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckNumber,
@@ -272,6 +273,19 @@ class FourChannelConfig(LocalDamperConfig):
         super().Check(path, num_axes)
         self.C_m.CheckGains(f"{path}.C_m", num_axes)
         self.C_s.CheckGains(f"{path}.C_s", num_axes)
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {
+            "bandwidth": (),
+            "master_mass": ("master.mass",),
+            "master_damping": ("master.damping",),
+            "slave_damping": ("controller.damping",),
+            "C_m.damping": ("master.local_damping",),
+            "C_m.stiffness": ("master.local_stiffness",),
+            "C_s.damping": ("controller.local_damping",),
+            "C_s.stiffness": ("controller.local_stiffness",),
+        }
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""

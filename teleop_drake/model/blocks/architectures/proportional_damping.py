@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import ArrayLike
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     Config,
     GainField,
@@ -222,6 +223,16 @@ class ProportionalDampingConfig(LocalDamperConfig):
     def has_gains_of_delay(self) -> bool:
         """Whether the stiffness derives from the nominal delays."""
         return self.stiffness is None
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {
+            "margin": (),
+            "master_mass": ("master.mass",),
+            "master_damping": ("master.damping",),
+            "slave_damping": ("controller.damping",),
+            "stiffness": ("master.stiffness", "controller.stiffness"),
+        }
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""

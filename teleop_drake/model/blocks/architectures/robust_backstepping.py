@@ -136,6 +136,9 @@ class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
 
     robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
 
+    def Numbers(self) -> None:
+        """Returns None: the bounds of the robust terms derive from gains and facts."""
+
     def Check(self, path: str, num_axes: int) -> None:
         """Checks each field, also those of the robust terms."""
         super().Check(path, num_axes)

@@ -14,6 +14,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.loops.delays.transport import TransportDelay
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
@@ -153,6 +154,10 @@ class SmithPredictorConfig(LocalDamperConfig):
     # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's own scheme has
     # none.
     local_damping: Gains = GainField(0.0, may_be_zero=True)
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {} if self.delay == 0 else {"delay": ("master.delay",)}
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""

@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
@@ -317,6 +318,14 @@ class TimeDomainPassivityConfig(LocalDamperConfig):
     def num_sent(self) -> int:
         """Number of vectors (n each) in a forward packet."""
         return 2 + len(self.Sent("v_d"))
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {
+            "maximum_damping": ("controller.maximum_damping",),
+            "maximum_mobility": ("master.maximum_mobility",),
+            "local_damping": ("controller.local_damping",),
+        }
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
@@ -240,6 +241,14 @@ class WaveVariablesConfig(LocalDamperConfig):
     forward_scaling: float | None = Number(None, above=0, maximum=1)
     # Factor on the arriving returning wave, > 0 to 1. Null: as for the forward wave.
     return_scaling: float | None = Number(None, above=0, maximum=1)
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        # A damper that is matched to the impedance makes another block.
+        return {
+            "forward_scaling": ("controller.scaling",),
+            "return_scaling": ("master.scaling",),
+        }
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.surface import (
     CONTACT,
     EMPTY,
@@ -98,6 +99,14 @@ class LayersEnvironmentConfig(EnvironmentConfig):
         return LayerSurfaces(
             self.layers, np.size(start), self._StartsInside(start), self.direction
         )
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        return {
+            f"layers.{i}.{name}": (f"{name}({layer.name})",)
+            for i, layer in enumerate(self.layers)
+            for name in LayeredForceField.numeric_parameters
+        }
 
     def _StartsInside(self, start: ArrayLike) -> bool:
         """Returns whether the tool starts in a layer."""

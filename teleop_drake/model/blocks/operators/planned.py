@@ -10,6 +10,7 @@ import numpy as np
 
 from teleop_drake.loops.delays.base import SHORTEST_TIME
 from teleop_drake.loops.framework.arrays import Array, ArrayLike, Interval
+from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckVector,
     Config,
@@ -223,6 +224,15 @@ class ConstantVelocityConfig(OperatorConfig):
         return ConstantVelocityOperator(
             velocity=self.velocity, **self.Modes(contact_surface)
         )
+
+    def Numbers(self) -> NumberNames:
+        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
+        names = (
+            ["velocity"]
+            if self.contact_force is None
+            else ["velocity", "contact_force"]
+        )
+        return {name: (name,) for name in names}
 
 
 class PlannedConfig(OperatorConfig):
