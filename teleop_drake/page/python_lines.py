@@ -10,6 +10,8 @@ from teleop_drake.parameters import ScalarsIn
 from teleop_drake.scenario.overrides import Overrides, ParseOverrides
 from teleop_drake.simulation.run import Job
 
+_OF_PAGE = "\n# diagram_of_this_page is the Diagram from which the page was made.\n"
+
 
 def ScenarioParts(source: Any, overrides: Overrides) -> dict[str, Any]:
     """Returns the parts for a scenario, which the page's script joins.
@@ -36,7 +38,7 @@ def DiagramParts(source: System | Callable[[], System], job: Job) -> dict[str, A
     diagram = job.diagram
     default = ScalarsIn(diagram, diagram.CreateDefaultContext())
     return {
-        "imports": f"from {module} import {name}\n" if is_importable else "",
+        "imports": f"from {module} import {name}\n" if is_importable else _OF_PAGE,
         "source": f"{name}()" if is_importable else "diagram_of_this_page",
         "given": [
             f"{key!r}: {number.value!r}"
