@@ -35,15 +35,20 @@ PICTURES = {
     "08_drive": 1,
     "09_arm_in_space": 2,
     "10_classic_results": 0,
+    "11_machine_code": 1,
 }
 
 WIDTH = 900  # pixels
+
+# The notebooks in a Jupyter that was started as HEAD says.
+JUPYTER = "http://localhost:8888/lab/tree"
 
 HEAD = """\
 # Notebooks
 
 What each of them is about, and one of its pictures. They are committed without outputs;
-`pip install '.[notebooks]' && jupyter lab notebooks` opens them to run.
+`pip install '.[notebooks]' && jupyter lab notebooks` opens them to run. While this
+Jupyter runs, each link *open in your Jupyter* opens the notebook there.
 [solutions.md](solutions.md) has answers to the things to try, for teachers.
 `python notebooks/make_gallery.py` makes this page.
 """
@@ -99,7 +104,9 @@ def MakePage() -> str:
         first = nbformat.read(path, as_version=4).cells[0].source
         title, about, *_ = first.removeprefix("# ").split("\n\n")
         picture = PathOf(path.stem).relative_to(FOLDER).as_posix()
-        parts.append(f"## [{title}]({path.name})\n\n{about}\n\n![{title}]({picture})\n")
+        own = f"[open in your Jupyter]({JUPYTER}/{path.name})"
+        text = f"{about}\n\n![{title}]({picture})\n"
+        parts.append(f"## [{title}]({path.name})\n\n{own}\n\n{text}")
     return "\n".join(parts)
 
 

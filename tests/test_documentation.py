@@ -38,6 +38,7 @@ LINKED = [
     *PAGES,
     *ROOT.glob("[!.]*/*.md"),
     *ROOT.glob("*/thesis/*.md"),
+    *ROOT.glob("teleop_drake/*/README.md"),
 ]
 
 
@@ -182,7 +183,10 @@ def test_what_adaptation_changes_most_on_the_bone():
         ("README.md", "compares the nine control architectures"),
         ("teleop_drake/docs/index.md", "the nine control architectures"),
         (LEAGUE, "There are nine architectures"),
-        ("notebooks/README.md", "Here the nine of this package get the same surgeon"),
+        (
+            "notebooks/README.md",
+            "Here the nine architectures of this package have the same surgeon",
+        ),
     ],
 )
 def test_the_number_of_architectures(page, sentence):

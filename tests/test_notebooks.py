@@ -29,6 +29,9 @@ NOTEBOOKS = sorted((TESTS.parent / "notebooks").glob("*.ipynb"))
 MAX_LINES = 80
 """Lines of code of a notebook that a class can read in an hour."""
 
+MAX_LINES_FOR_DEVELOPERS = 125
+"""Lines of code of the notebook on the compiler."""
+
 # Runs before the first cell. Importing Drake's module first keeps it from putting its
 # own filter in front.
 STRICT = f"""\
@@ -203,7 +206,9 @@ def test_is_short(path):
     """Lines of code are those that are neither empty nor a comment."""
     code = "\n".join(cell.source for cell in CodeCells(Read(path)))
     lines = [line.strip() for line in code.splitlines()]
-    assert sum(line != "" and line[0] != "#" for line in lines) <= MAX_LINES
+    is_on_compiler = path.stem == "11_machine_code"
+    most = MAX_LINES_FOR_DEVELOPERS if is_on_compiler else MAX_LINES
+    assert sum(line != "" and line[0] != "#" for line in lines) <= most
     assert "UseStyle" not in code and "matplotlib" not in code
 
 

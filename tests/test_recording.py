@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import math
 import pickle
 import re
 
@@ -42,8 +43,15 @@ def test_html_has_every_metric_with_its_unit_and_a_figure():
     recording = ShortRun("one_dof")
     html = recording._repr_html_()
     overshoot = RunMetrics(recording)["start_velocity_overshoot"]
-    row = f"start velocity overshoot</td><td>{overshoot:.5g}</td><td>m/s</td>"
+    # In the unit of the figure, whose panel begins with the velocity.
+    speed = np.abs(recording["tool_velocity"]).max()
+    exponent = 3 * math.floor(math.log10(10 * speed) / 3)
+    unit = {-6: "\N{MICRO SIGN}m/s", -3: "mm/s", 0: "m/s"}[exponent]
+    shown = f"{overshoot / 10.0**exponent:.5g}"
+    row = f"start velocity overshoot</td><td>{shown}</td><td>{unit}</td>"
     assert row in html
+    assert f"panels: velocity v_x [{unit}]" in html
+    assert "align-items: flex-start" in html
     assert "forward channel sent</td><td>20</td>" in html
     assert re.search(r'<img alt="\d+ panels: velocity v_x \[m', html)
     assert "data:image/png;base64,iVBOR" in html

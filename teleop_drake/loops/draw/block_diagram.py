@@ -31,6 +31,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.loops.draw.delay_wires import DelayWires, MarginsOf
 from teleop_drake.loops.draw.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
+from teleop_drake.loops.draw.spacers import Spacers
 from teleop_drake.loops.framework.files import Replacing
 from teleop_drake.loops.framework.signals import CheckSystem, PathsIn
 from teleop_drake.loops.framework.validation import Refuse
@@ -364,6 +365,8 @@ def _Connections(edges: Sequence[_Edge], wires: DelayWires | None) -> list[str]:
         return f", {wires.Look([x.margin for x in shown])}"
 
     feedback = _Feedback(edges)
+    is_ahead = [bool(x.color) or _Ends(x) not in feedback for x in edges]
+    spacers = Spacers([(x.tail.name, x.head.name) for x in edges], is_ahead)
     text: list[str] = []
     turned: set[str] = set()
     labelled: set[str] = set()
@@ -394,7 +397,8 @@ def _Connections(edges: Sequence[_Edge], wires: DelayWires | None) -> list[str]:
         text += head_text
         text.append(f"{head_turn}:e -> {tail_turn}:w [{_NO_ARROW}{look}{own}]")
         text.append(f"{head_turn}:w -> {head}:w" + f" [{look[2:]}]" * bool(look))
-    return text
+    # At the end, they have the least effect on the order of the boxes.
+    return text + spacers
 
 
 def _Ends(edge: _Edge) -> tuple[int, int]:
@@ -409,12 +413,11 @@ def _Turn(port: str, look: str) -> tuple[str, list[str]]:
 
     Args:
         look: The attributes of the line, whose gap at the turn the node fills; empty: a
-            black line with a dot.
+            black line.
     """
     node = port.partition(":")[0]
     turn = f"{port.replace(':', '_')}_turn"
-    shape = f"{_FILLED}{look}" if look else "shape=point, width=0.02"
-    text = [f"{turn} [{shape}]", f"{{rank=same; {node}; {turn}}}"]
+    text = [f"{turn} [{_FILLED}{look}]", f"{{rank=same; {node}; {turn}}}"]
     return turn, text
 
 

@@ -45,6 +45,13 @@ from teleop_drake.loops.run.stepping import LongestStep
 # A row of the port table in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
 
+# The units of a robot's ports if its joints turn, and if they slide.
+_JOINT_UNITS = {
+    "joint_position": ("rad", "m"),
+    "joint_velocity": ("rad/s", "m/s"),
+    "joint_torque": ("N m", "N"),
+}
+
 # The arrays of Memory that do not begin as zeros.
 _START = (
     *("clock", "counts", "x", "m", "m_before", "y", "next_packets", "ticks"),
@@ -174,9 +181,13 @@ class Model:
         result = {}
         for system, path in PathsIn(self.diagram):
             places = {}
+            units = {}
             for port in VectorOutputs(system):
                 source = OutputOf(blocks, system, int(port.get_index()))
                 places[port] = program.signals.get(source)
+                # The unit of an exported port is that of its block.
+                block = blocks[source.block].system
+                units[port] = Unit(block, source.port, port.size())
             for port in InputPorts(system):
                 leaf, name = InputsOf(system, int(port.get_index()))[0]
                 i = numbers[leaf]
@@ -187,9 +198,19 @@ class Model:
                 if place is not None:
                     name = port.get_name()
                     size = place.stop - place.start
-                    unit = Unit(system, name, port.size())
+                    own = self._JointUnit(path, name) or Unit(system, name, port.size())
+                    unit = own or units.get(port, "")
                     result[f"{path}:{Visible(name)}"] = (place.start, size, unit)
         return result
+
+    def _JointUnit(self, path: str, port: str) -> str:
+        """Returns the unit of a robot's joints; "" if some turn and others slide."""
+        tree = self.plants.get(f"{path}/plant")
+        sorts = set() if tree is None else set(tree.is_prismatic.tolist())
+        if len(sorts) != 1 or port not in _JOINT_UNITS:
+            return ""
+        turning, sliding = _JOINT_UNITS[port]
+        return sliding if sorts.pop() else turning
 
     def References(self) -> list[tuple[int, int, int]]:
         """Returns what PID controllers compare, as places in y.

@@ -8,6 +8,8 @@ from pydrake.systems.framework import System
 from teleop_drake.loops.engine.parameters import ScalarsIn
 from teleop_drake.loops.run.run import Job
 
+_OF_PAGE = "\n# diagram_of_this_page is the Diagram from which the page was made.\n"
+
 
 def DiagramParts(source: System | Callable[[], System], job: Job) -> dict[str, Any]:
     """Returns the parts for a Diagram.
@@ -21,7 +23,7 @@ def DiagramParts(source: System | Callable[[], System], job: Job) -> dict[str, A
     diagram = job.diagram
     default = ScalarsIn(diagram, diagram.CreateDefaultContext())
     return {
-        "imports": f"from {module} import {name}\n" if is_importable else "",
+        "imports": f"from {module} import {name}\n" if is_importable else _OF_PAGE,
         "source": f"{name}()" if is_importable else "diagram_of_this_page",
         "given": [
             f"{key!r}: {number.value!r}"

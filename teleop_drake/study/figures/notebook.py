@@ -7,10 +7,12 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.loops.draw.block_diagram import RenderSvg
 from teleop_drake.loops.draw.saving import DescribeFigure
+from teleop_drake.loops.framework.signals import ScaleAndUnit
 from teleop_drake.loops.run.recording import Recording
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks import TaskOf
@@ -19,6 +21,12 @@ from teleop_drake.study.figures.runs import PlotRun
 from teleop_drake.study.sweep import FlattenMetrics, MetricUnits
 
 _DPI = 90
+
+# The figure beside the table keeps its height.
+_SIDE_BY_SIDE = "display: flex; flex-wrap: wrap; gap: 1em; align-items: flex-start"
+
+# The signals whose panels have the unit of a metric.
+_UNIT_OF = {"N": "environment_force", "m/s": "tool_velocity", "m": "tool_position"}
 
 # The signals of a teleoperation that are shown; PlotRun(recording) shows all.
 _SIGNALS = ("tool_velocity", "environment_force")
@@ -69,7 +77,7 @@ def RecordingHtml(recording: TaskRecording) -> str:
     image = base64.b64encode(buffer.getvalue()).decode()
     alternative = html.escape(DescribeFigure(figure), quote=True)
     return (
-        f'{title}<div style="display: flex; flex-wrap: wrap; gap: 1em">{table}'
+        f'{title}<div style="{_SIDE_BY_SIDE}">{table}'
         f'<img alt="{alternative}" src="data:image/png;base64,{image}"></div>'
     )
 
@@ -82,12 +90,22 @@ def _Table(recording: TaskRecording) -> str:
     rows = []
     for name, value in metrics.items():
         label = html.escape(name.replace("_", " ").replace(".", " "))
-        unit = html.escape(units.get(name, ""))
+        scale, unit = _ScaleOf(recording, units.get(name, ""))
+        shown = value if scale == 1 or value is None else scale * value
         rows.append(
             f'<tr><td style="text-align: left">{label}</td>'
-            f"<td>{_Cell(name, value)}</td><td>{unit}</td></tr>"
+            f"<td>{_Cell(name, shown)}</td><td>{html.escape(unit)}</td></tr>"
         )
     return f"<table>{''.join(rows)}</table>"
+
+
+def _ScaleOf(recording: TaskRecording, unit: str) -> tuple[float, str]:
+    """Returns the scale and the unit that the figure has for metrics in an SI unit."""
+    signal = recording.signals.get(_UNIT_OF.get(unit, ""))
+    if signal is None:
+        return 1.0, unit
+    known = signal[np.isfinite(signal)]
+    return ScaleAndUnit((known.min(), known.max()), unit)
 
 
 def _Cell(name: str, value: object) -> str:

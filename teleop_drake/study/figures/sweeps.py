@@ -21,7 +21,7 @@ from teleop_drake.study.sweep import SweepResult
 from teleop_drake.study.sweep.statistics import Bands, MedianInterval
 
 # Markers of the runs without a value on a line.
-_MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
+_MARKS = {"diverges": "x", "fails": "^", "no value": "o"}
 _RUN_STYLE: Look = {"marker": ".", "markersize": 3, "linestyle": "none"}
 
 
@@ -88,7 +88,7 @@ def _DrawMetric(
     scale, label, limits = MetricScale(result, metric, values)
     # With more lines, the markers are left to the stability map.
     is_failed = status == "failed"
-    marked = {"diverges": is_diverged, "fails": is_failed, "has none": is_missing}
+    marked = {"diverges": is_diverged, "fails": is_failed, "no value": is_missing}
     if values.shape[1] > MAX_NAMED_LINES:
         marked = {}
     for panel, ax in enumerate(axes):

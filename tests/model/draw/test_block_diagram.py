@@ -127,21 +127,42 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
         "subgraph cluster0diagram {",
     ]
     assert "<B>Actuator</B><BR/>" in lines  # Without its module.
-    assert lines[-13:] == [
+    assert lines[-15:] == [
         "s1:y0:e -> s2:u0:w [weight=10]",
-        "s2_y0_turn [shape=point, width=0.02]",
+        f"s2_y0_turn [{rendering._FILLED}]",
         "{rank=same; s2; s2_y0_turn}",
         "s2:y0:e -> s2_y0_turn:e [dir=none, arrowsize=0]",
-        "s1_u0_turn [shape=point, width=0.02]",
+        f"s1_u0_turn [{rendering._FILLED}]",
         "{rank=same; s1; s1_u0_turn}",
         "s1_u0_turn:e -> s2_y0_turn:w [dir=none, arrowsize=0]",
         "s1_u0_turn:w -> s1:u0:w",
         "s2:y0:e -> s0out:0:w [color=palegreen3, penwidth=0.7]",
+        'before_s1 [style=invis, label="", fixedsize=true, width=0, height=0]',
+        "before_s1 -> s1 [style=invis]",
         "}",
         "margin=40",
         "}",
         "}",
     ]
+
+
+def test_no_wire_leaves_its_frame():
+    """The first box and the last one have wires that turn beside them."""
+    builder = DiagramBuilder()
+    first = builder.AddNamedSystem("first", Adder(2, 1))
+    middle = builder.AddNamedSystem("middle", Integrator(1))
+    last = builder.AddNamedSystem("last", Gain(-1.0, 1))
+    builder.Connect(first.get_output_port(), middle.get_input_port())
+    builder.Connect(middle.get_output_port(), last.get_input_port())
+    builder.Connect(last.get_output_port(), first.get_input_port(0))
+    builder.Connect(middle.get_output_port(), first.get_input_port(1))
+    svg = RenderSvg(builder.Build(), max_depth=1)
+    frame = re.search(r'0diagram</title>\s*<polygon [^>]*points="([^"]*)"', svg)[1]
+    left, *_, right = sorted(float(x.split(",")[0]) for x in frame.split())
+    wires = re.findall(r'<path [^>]*d="([^"]*)"', svg)
+    x = [float(x) for wire in wires for x in re.findall(r"(-?[\d.]+),", wire)]
+    assert len(wires) == 8
+    assert left < min(x) and max(x) < right
 
 
 def test_wires_of_vectors_have_their_widths():

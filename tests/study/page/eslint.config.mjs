@@ -61,6 +61,7 @@ const page = [
   "armAt",
   "axe",
   "chosen",
+  "componentsOf",
   "endDrive",
   "errors",
   "linkOfDrive",

@@ -50,6 +50,14 @@ def test_a_click_shows_the_margin_and_the_delay(seen):
     assert seen["isShown"] and "pid:estimated_state" in seen["scopes"]
 
 
+def test_python_names_a_delay_that_the_diagram_does_not_have(seen):
+    python = seen["python"]
+    words = "has no block for it: pid.estimated_state.delay = 0.05 s\n"
+    assert words in python
+    assert python.index(words) < python.index("diagram = Servo()")
+    assert '"pid.estimated_state.delay"' not in python
+
+
 def test_other_words_than_all_are_refused(tmp_path):
     with pytest.raises(ScenarioError, match="delays = 'some': must be 'all' or None"):
         WritePage(Servo, tmp_path / "page.html", delays="some")

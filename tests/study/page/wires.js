@@ -11,10 +11,12 @@
   wire.dispatchEvent(new MouseEvent("click", { bubbles: true }));
   const slider = document.querySelector("#box input[type=range]");
   const { margins } = shownLoop();
+  const python = stateAsPython();
   const words = $("box").textContent;
   return {
     runs,
     margins,
+    python,
     words,
     isShown: slider.getClientRects().length > 0,
     scopes: state.scopes,

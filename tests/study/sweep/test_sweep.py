@@ -699,7 +699,7 @@ def test_plot_against_delay():
     ]
     assert sheet.axes[0].get_ylim() == ax.get_ylim() != sheet.axes[1].get_ylim()
     labels = [text.get_text() for text in sheet.legends[0].get_texts()]
-    assert labels[2:] == ["diverges", "fails", "has none"]
+    assert labels[2:] == ["diverges", "fails", "no value"]
     for name in ("a.png", "b.png"):
         SaveFigure(PlotSweep(result, "collision.settling_time"), name)
     assert Path("a.png").read_bytes() == Path("b.png").read_bytes()

@@ -19,9 +19,9 @@ export function onCursor(draw) {
 export function setCursor(t) {
   const [min, max] = wholeTime();
   state.cursor = clamp(t, min, max);
+  for (const draw of drawers) draw();
   Object.assign($("clock"), { min, max, value: state.cursor });
   $("now").textContent = `${state.cursor.toFixed(3)} s`;
-  for (const draw of drawers) draw();
 }
 
 // Moves the cursor to a time at the end of the window that is shown.

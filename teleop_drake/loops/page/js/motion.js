@@ -88,14 +88,16 @@ function swingInWords({ frequency, growth }) {
 }
 
 // What a column of a run does, as in "swings with 1.4 Hz, decaying". If the curve settles and has a
-// reference column that is constant, both are compared.
-export function motionInWords(run, column, unit, reference) {
+// reference column that is constant, both are compared. Of a vector with much larger values, what
+// remains after rounding is no motion.
+export function motionInWords(run, column, unit, reference, vector = [column]) {
   const points = pointsOf(run, column);
   if (points.length < 2) return "has no rows";
   const [low, high] = extent(points.map(([, y]) => y));
   const [end, last] = points.at(-1);
   const size = high - low;
-  const largest = Math.max(Math.abs(low), Math.abs(high));
+  const [least, most] = extent(run.ends.flatMap((row) => run.row(vector, row)));
+  const largest = Math.max(Math.abs(low), Math.abs(high), Math.abs(least), Math.abs(most));
   const valueOf = (x) => `${show(Math.abs(x) < ROUNDING * largest ? 0 : x, 2)} ${unit}`.trim();
   if (size <= ROUNDING * largest) return `stays at ${valueOf(last)}`;
   const reach = reachOf(points);

@@ -21,7 +21,7 @@ export function shownMotions(run) {
     columns.forEach((column, i) => {
       const found = references.find(([begin, , n]) => column >= begin && column < begin + n);
       const reference = found && found[1] + column - found[0];
-      const words = motionInWords(run, column, ports[port][2], reference);
+      const words = motionInWords(run, column, ports[port][2], reference, columns);
       const title = `${name.replaceAll(/[_:/.]/g, " ")} ${components[i]}`.trim();
       motions.push([title, words]);
     });

@@ -44,12 +44,16 @@ export function bisect(holds, low, high) {
 
 // The weighted sum of signals in pieces, plus a constant.
 export function combine(weights, signals, constant = 0) {
-  const valueOf = (i, node) => {
-    let sum = constant;
-    for (let k = 0; k < signals.length; ++k) sum += weights[k] * signals[k][i][node];
-    return sum;
-  };
-  return signals[0].map((y, i) => y.map((_, node) => valueOf(i, node)));
+  const sums = [];
+  for (let i = 0; i < signals[0].length; ++i) {
+    const sum = [constant, constant, constant, constant, constant];
+    for (let k = 0; k < signals.length; ++k) {
+      const values = signals[k][i];
+      for (let node = 0; node < 5; ++node) sum[node] += weights[k] * values[node];
+    }
+    sums.push(sum);
+  }
+  return sums;
 }
 export const minus = (a, b) => combine([1, -1], [a, b]);
 const negative = (a) => combine([-1], [a]);
@@ -84,13 +88,14 @@ export class Pieces {
   signal(column) {
     const { run, list } = this;
     const { rows, width, ends } = run;
-    return list.map(({ begin, end, step, isPart }) =>
-      NODES.map((x) => {
-        if (step < 0) return rows[(run.time.length - 1) * width + column];
-        if (!isPart) return rows[(ends[step] - 4 + 4 * x) * width + column];
-        return run.vector([column], begin + x * (end - begin), step)[0];
-      }),
-    );
+    return list.map(({ begin, end, step, isPart }) => {
+      if (step < 0) return NODES.map(() => rows[(run.time.length - 1) * width + column]);
+      if (isPart) return NODES.map((x) => run.vector([column], begin + x * (end - begin), step)[0]);
+      const values = [0, 0, 0, 0, 0];
+      const first = (ends[step] - 4) * width + column;
+      for (let node = 0; node < 5; ++node) values[node] = rows[first + node * width];
+      return values;
+    });
   }
 
   // Columns of the rows in pieces.
@@ -153,16 +158,17 @@ export const valueBefore = (y, place) => (place ? y[place - 1][4] : y[0][0]);
 
 // Successive values of a piece between which it is monotonic.
 function extremes(values) {
-  const slope = powersOf(values)
-    .slice(1)
-    .map((c, k) => (k + 1) * c);
+  const powers = powersOf(values);
+  const [, b, c, d, e] = powers;
+  const slope = [b, 2 * c, 3 * d, 4 * e];
   const found = [values[0]];
+  let isUp = b >= 0;
   for (let j = 0; j < 4; ++j) {
-    const [low, high] = [j / 4, (j + 1) / 4];
-    const isUp = valueAt(slope, low) >= 0;
-    if (valueAt(slope, high) >= 0 !== isUp) {
-      const share = bisect((x) => valueAt(slope, x) >= 0 === isUp, low, high);
-      found.push(valueAt(powersOf(values), share));
+    const wasUp = isUp;
+    isUp = valueAt(slope, (j + 1) / 4) >= 0;
+    if (isUp !== wasUp) {
+      const share = bisect((x) => valueAt(slope, x) >= 0 === wasUp, j / 4, (j + 1) / 4);
+      found.push(valueAt(powers, share));
     }
     found.push(values[j + 1]);
   }
@@ -199,11 +205,9 @@ export function rms(y, lengths) {
   y.forEach((values, i) => {
     const c = powersOf(values);
     let square = 0;
-    c.forEach((p, a) =>
-      c.forEach((q, b) => {
-        square += (p * q) / (a + b + 1);
-      }),
-    );
+    for (let a = 0; a < 5; ++a) {
+      for (let b = 0; b < 5; ++b) square += (c[a] * c[b]) / (a + b + 1);
+    }
     total += lengths[i] * square;
     duration += lengths[i];
   });
@@ -222,6 +226,13 @@ export function integral(y, lengths, start) {
   });
 }
 
+// Whether a vector is outside of its band in a piece, at the place where a function takes a value.
+function isOutside({ y, centre, radius }, i, valueIn) {
+  let square = 0;
+  for (let k = 0; k < y.length; ++k) square += (valueIn(y[k][i]) - centre[k]) ** 2;
+  return !(Math.sqrt(square) < radius);
+}
+
 // The time from the begin of a piece until all vectors stay in their bands. It is null if they do
 // not, or if they stayed there as long before. A band has the components of a vector, a centre and
 // a radius.
@@ -234,14 +245,11 @@ export function settlingTime(pieces, first, bands) {
   let wasMoving = false;
   for (let i = first; i < list.length; ++i) {
     const { begin, end } = list[i];
-    const powers = bands.map(({ y, centre }) =>
-      y.map((x, k) => powersOf(x[i].map((value) => value - centre[k]))),
-    );
-    const isMoving = (x) =>
-      bands.some(({ radius }, b) => !(Math.hypot(...powers[b].map((c) => valueAt(c, x))) < radius));
     for (let j = 0; j < 5; ++j) {
-      if (isMoving(j / 4) === wasMoving) continue;
+      if (bands.some((band) => isOutside(band, i, (values) => values[j])) === wasMoving) continue;
       const known = wasMoving;
+      const isMoving = (x) =>
+        bands.some((band) => isOutside(band, i, (values) => valueAt(powersOf(values), x)));
       const share = bisect((x) => isMoving(x) === known, Math.max(j - 1, 0) / 4, j / 4);
       const time = begin + share * (end - begin);
       if (!wasMoving) longest = Math.max(longest, time - since);

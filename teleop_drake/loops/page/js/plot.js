@@ -15,6 +15,8 @@ export const LEFT = 58; // px, room for the numbers of the vertical axis
 export const RIGHT = 18;
 const TOP = 4;
 const BELOW = 18;
+const READOUT = 7; // letters of a value at the cursor, if it has a prefix that suits it
+const EVENT_ROWS = 6; // for the names of events
 const EVENT_LETTER = 6.2; // px, the width of a letter in the name of an event
 
 // The size and the unit of a port in the first loop that has it.
@@ -47,7 +49,9 @@ function curve(run, column, width, [low, high], offset = 0) {
     const isKnown = points.length > 0 && last - run.ends[s - 1] === 4;
     for (let j = isKnown ? 1 : 0; j <= count; ++j) {
       const t = begin + (j * (end - begin)) / count;
-      points.push([t, run.vector([column], t, s)[0] - offset]);
+      const isRow = t === run.time[last];
+      const value = isRow ? run.rows[last * run.width + column] : run.vector([column], t, s)[0];
+      points.push([t, value - offset]);
     }
   }
   return points;
@@ -91,6 +95,9 @@ function linesOf(view, port, width) {
   return [...commandOf(view, port, width), ...lines, ...marks];
 }
 
+// A place in pixels with one decimal.
+const rounded = (x) => Math.round(10 * x) / 10;
+
 // The axes of a picture: the range of its values, and the maps of a time and a value to pixels.
 function axesOf(lines, [begin, end], unit, width, height) {
   const known = extent(lines.flatMap(({ points }) => points.map(([, value]) => value)));
@@ -99,6 +106,9 @@ function axesOf(lines, [begin, end], unit, width, height) {
   const gap = 0.06 * (most - least) || 0.01 * Math.abs(most) || 0.5;
   const low = least - gap;
   const high = most + gap;
+  // Readouts at the cursor have four digits of the largest value.
+  const largest = scale * Math.max(Math.abs(least), Math.abs(most));
+  const decimals = clamp(3 - Math.floor(Math.log10(largest || 1)), 0, 9);
   const wide = width - LEFT - RIGHT;
   const tall = height - BELOW - TOP - 2;
   return {
@@ -106,9 +116,11 @@ function axesOf(lines, [begin, end], unit, width, height) {
     high,
     scale,
     unit: shownUnit,
+    decimals,
+    width: Math.max(READOUT, 1 + largest.toFixed(decimals).length),
     bottom: height - BELOW,
-    x: (t) => (((t - begin) / (end - begin)) * wide).toFixed(1),
-    y: (value) => (TOP + ((high - value) / (high - low)) * tall).toFixed(1),
+    x: (t) => rounded(((t - begin) / (end - begin)) * wide),
+    y: (value) => rounded(TOP + ((high - value) / (high - low)) * tall),
   };
 }
 
@@ -121,7 +133,7 @@ function drawAxes({ low, high, scale, x, y }, window, width, height) {
   );
   const times = ticks(...window, width / 90).map(
     (t) =>
-      `<text x="${LEFT + Number(x(t))}" y="${height - 4}" text-anchor="middle">
+      `<text x="${LEFT + x(t)}" y="${height - 4}" text-anchor="middle">
       ${show(t)} s</text>`,
   );
   return values.join("") + times.join("");
@@ -144,16 +156,18 @@ function drawEvents({ runs, window }, { x, bottom }, width) {
   const lines = all.map(
     ({ time, color }) => `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${color}"/>`,
   );
-  // Names that would overlap are left out.
-  let right = -Infinity;
+  // A name that would overlap another one is below it; it is left out if there is no room.
+  const ends = Array(EVENT_ROWS).fill(-Infinity);
   const names = [...firsts.values()].sort((a, b) => a.time - b.time);
   for (const { name, time, color } of names) {
     const text = EVENT_WORDS[name] ?? name.replaceAll("_", " ");
     const wide = EVENT_LETTER * text.length;
-    const left = Math.min(Number(x(time)) + 3, width - LEFT - RIGHT - wide);
-    if (left < right) continue;
-    lines.push(`<text class="name" x="${left}" y="11" style="fill: ${color}">${safe(text)}</text>`);
-    right = left + wide + 6;
+    const left = Math.min(x(time) + 3, width - LEFT - RIGHT - wide);
+    const row = ends.findIndex((end) => end <= left);
+    if (row < 0) continue;
+    lines.push(`<text class="name" x="${left}" y="${11 + 12 * row}"
+      style="fill: ${color}">${safe(text)}</text>`);
+    ends[row] = left + wide + 6;
   }
   return lines.join("");
 }
@@ -163,8 +177,8 @@ function drawEnds(lines, { x, y }, width) {
   return lines.flatMap(({ points, color, hasEnded, end }) => {
     if (!hasEnded || !points.length) return [];
     const [t, value] = points.at(-1);
-    const across = Number(x(t));
-    const down = Number(y(value));
+    const across = x(t);
+    const down = y(value);
     const wide = EVENT_LETTER * end.length;
     const left = Math.min(across + 8, width - LEFT - RIGHT - wide);
     const cross = `M${across - 5} ${down - 5}l10 10m-10 0l10 -10`;
@@ -173,7 +187,7 @@ function drawEnds(lines, { x, y }, width) {
   });
 }
 
-// The scope of a port: its SVG, the scale and the unit of its axis, and whether it has a command.
+// The scope of a port: its axes, its SVG, and whether it has a command.
 export function plot(view, port, width, height) {
   const { window } = view;
   const lines = linesOf(view, port, width);
@@ -184,13 +198,12 @@ export function plot(view, port, width, height) {
     return `<polyline class="${className}" points="${places}" stroke="${color}"
       stroke-dasharray="${dashes}"/>`;
   });
-  const cursor = `<path class="cursor" d="M0 0v${bottom}"/>`;
   const svg = `${drawAxes(axes, window, width, height)}
     <svg x="${LEFT}" width="${width - LEFT}" height="${bottom}">
-    ${drawEvents(view, axes, width)}${curves.join("")}${drawEnds(lines, axes, width).join("")}
-    ${cursor}</svg>`;
+    ${drawEvents(view, axes, width)}${curves.join("")}
+    ${drawEnds(lines, axes, width).join("")}</svg>`;
   const hasCommand = lines.some(({ className }) => className === "command");
-  return { svg, scale: axes.scale, unit: axes.unit, hasCommand };
+  return { ...axes, svg, hasCommand };
 }
 
 // A legend entry: a sample of a line with a name.

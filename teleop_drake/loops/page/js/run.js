@@ -24,11 +24,17 @@ const PAUSE = 100; // and between later pauses
 
 // The Lagrange weights of five values at 0 to 4 for a place between them.
 function weightsAt(x) {
-  const weights = [1, 1, 1, 1, 1];
-  for (let a = 0; a < 5; ++a) {
-    for (let b = 0; b < 5; ++b) if (a !== b) weights[a] *= (x - b) / (a - b);
-  }
-  return weights;
+  const a = x - 1;
+  const b = x - 2;
+  const c = x - 3;
+  const d = x - 4;
+  return [
+    (a * b * c * d) / 24,
+    -(x * b * c * d) / 6,
+    (x * a * c * d) / 4,
+    -(x * a * b * d) / 6,
+    (x * a * b * c) / 24,
+  ];
 }
 
 // A run: rows at five instants of each step, including its ends. At a jump, two rows have the same

@@ -23,7 +23,7 @@ function inlineStyle(source, copy) {
   range(source.children.length).forEach((i) => inlineStyle(source.children[i], copy.children[i]));
 }
 
-// All scopes as one picture, one below the other, without the cursor.
+// All scopes as one picture, one below the other.
 export function scopesAsSvg() {
   const scopes = [...$("scopes").children];
   const svgs = scopes.map((scope) => scope.querySelector(":scope > svg"));
@@ -32,7 +32,6 @@ export function scopesAsSvg() {
   const parts = svgs.map((svg, i) => {
     const copy = svg.cloneNode(true);
     inlineStyle(svg, copy);
-    copy.querySelector(".cursor").remove();
     copy.setAttribute("y", top + HEAD);
     copy.setAttribute("width", width);
     copy.setAttribute("height", svg.clientHeight);
@@ -67,11 +66,18 @@ export function signalsAsCsv() {
 // The Python lines that simulate the shown diagram in its current state.
 export function stateAsPython() {
   const { isDiagram, python } = state.data;
-  const { kind, changes } = shownLoop();
+  const { kind, changes, wires = {} } = shownLoop();
+  const late = Object.values(wires).flat();
   const itemOf = ([name, value]) => `${JSON.stringify(name)}: ${JSON.stringify(value)}`;
   const dictionary = (items) => `{${items.map((item) => `\n    ${item},`).join("")}\n}`;
   const isOwn = ({ name }) => Object.keys(changes[name]?.slopes ?? {}).length > 0;
-  const fields = changedFields().filter(isOwn);
+  const changed = changedFields().filter(isOwn);
+  const fields = changed.filter(({ name }) => !late.includes(name));
+  const notes = changed
+    .filter(({ name }) => late.includes(name))
+    .map(
+      ({ name, value }) => `# Left out, as the Diagram has no block for it: ${name} = ${value} s\n`,
+    );
   const moved = isDiagram ? settings().filter(isChanged) : settings();
   const sliders = moved.filter(({ isNumber }) => !isNumber).map((x) => [x.name, x.value]);
   const numbers = fields.map(({ name, value }) => [name, value]).map(itemOf);
@@ -79,7 +85,7 @@ export function stateAsPython() {
     const items = [...python.given, ...sliders.map(itemOf), ...numbers];
     return `from teleop_drake import Compile
 ${python.imports}
-diagram = ${python.source}
+${notes.join("")}diagram = ${python.source}
 loop = Compile(diagram, duration=${python.duration})
 recording = loop.Run(**${dictionary(items)})
 `;
@@ -89,13 +95,13 @@ recording = loop.Run(**${dictionary(items)})
   if (!numbers.length) {
     return `from teleop_drake import Compile, LoadScenario
 
-${load}
+${notes.join("")}${load}
 recording = Compile(scenario).Run()
 `;
   }
   return `from teleop_drake import Compile, LoadScenario, MakeDiagram
 
-${load}
+${notes.join("")}${load}
 diagram = MakeDiagram(scenario)
 loop = Compile(diagram, duration=scenario.duration, simulator=scenario.simulator)
 recording = loop.Run(**${dictionary(numbers)})

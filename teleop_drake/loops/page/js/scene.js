@@ -7,6 +7,8 @@ import { drawPlants, jointsAt } from "./plants.js";
 import { state } from "./state.js";
 
 const RAIL = 14; // px, for the packets of a run
+const LONGEST_ARROW = 60; // px, for the largest force of the first runs,
+const MOST_ARROW = 90; // and for any force
 const ENDS = [70, 55]; // px, from the picture's sides to the ends of the rails
 
 // Projects a point of the task onto the plane of the picture.
@@ -14,19 +16,38 @@ const see = (q) => state.data.view.map((axis) => dot(axis.slice(0, q.length), q)
 
 // The positions of the joints of the robot's arm and of its tool. The array is empty if the robot
 // is not a MultibodyPlant, and before the first step.
-export function armAt(run) {
+export function armAt(run, time = state.cursor) {
   const isRobot = ({ state: port }) => port.startsWith("robot/") && run.columns(port);
   const plant = run.loop.plants.find(isRobot);
-  if (!plant || run.ends.length === 0 || run.hasEnded(state.cursor)) return [];
-  const tool = run.vector(run.signal("tool_position"), state.cursor);
-  return [...jointsAt(run, plant, state.cursor), tool];
+  if (!plant || run.ends.length === 0 || run.hasEnded(time)) return [];
+  const tool = run.vector(run.signal("tool_position"), time);
+  return [...jointsAt(run, plant, time), tool];
 }
 
-// The path of a run's tool until a time, in the plane of the picture.
-function pathOf(run, end) {
+// The path of a run's tool, in the plane of the picture.
+function pathOf(run) {
   const columns = run.signal("tool_position");
-  const before = run.ends.filter((i) => run.time[i] <= end);
-  return before.map((i) => see(run.row(columns, i)));
+  return run.ends.map((i) => see(run.row(columns, i)));
+}
+
+const drawnPaths = new WeakMap(); // The paths of runs in pixels.
+
+// The path of a run's tool until the cursor, in pixels: one point for each pixel. The points up to
+// the latest cursor are kept.
+function drawnPath(run, lane, toPixels) {
+  const known = drawnPaths.get(run);
+  const path = known?.toPixels === toPixels ? known : { toPixels, points: [], next: 0 };
+  drawnPaths.set(run, path);
+  const { points } = path;
+  const columns = run.signal("tool_position");
+  for (; run.time[run.ends[path.next]] <= state.cursor; ++path.next) {
+    const row = run.ends[path.next];
+    const [x, y] = toPixels(see(run.row(columns, row)), lane);
+    const last = points.at(-1);
+    const isNear = last && Math.abs(x - last.x) < 1 && Math.abs(y - last.y) < 1;
+    if (!isNear) points.push({ x, y, time: run.time[row] });
+  }
+  return points.filter(({ time }) => time <= state.cursor).map(({ x, y }) => `${x},${y}`);
 }
 
 // The surfaces of a run, in the plane of the picture. The first one may be at infinity.
@@ -66,6 +87,39 @@ function fitScene(paths, arms, width, height, lanes) {
   };
 }
 
+// What the picture contains. It belongs to the task: a slider does not rescale the picture.
+let frame = {};
+
+// The map to pixels, and the pixels for each newton. They are those of the first runs with these
+// controllers and surfaces that reach their end; in a drive they are those of the current runs.
+function frameOf(shown, surfaces, width, floor, lanes) {
+  const key = JSON.stringify([shown.map(({ loop }) => state.loops.indexOf(loop)), surfaces]);
+  if (frame.key !== key || state.data.hand) frame = { key, ...contentsOf(shown, surfaces, lanes) };
+  const size = `${width} ${floor}`;
+  if (frame.size !== size) {
+    const { paths, arms } = frame;
+    Object.assign(frame, { size, toPixels: fitScene(paths, arms, width, floor, lanes) });
+  }
+  return frame;
+}
+
+// The points that a picture of runs contains, and its pixels for each newton.
+function contentsOf(shown, surfaces, lanes) {
+  const whole = shown.filter(({ reason }) => !reason);
+  const runs = whole.length ? whole : shown;
+  const arms = runs.flatMap((run) => armAt(run, run.startTime).map(see));
+  const paths = runs.flatMap(pathOf);
+  if (lanes) paths.push(...surfaces.map(({ point }) => point));
+  // In a drive the whole arm and the surfaces ahead are visible from the start.
+  if (state.data.hand) paths.push(...arms, ...ahead(surfaces, paths[0]));
+  const forces = runs.flatMap((run) => {
+    const columns = run.signal("environment_force") ?? [];
+    return run.ends.map((i) => Math.hypot(...see(run.row(columns, i))));
+  });
+  const [, largest] = extent(forces);
+  return { paths, arms, pixelsPerNewton: largest > 0 ? LONGEST_ARROW / largest : 0 };
+}
+
 // The half-plane behind each surface, with the name of what is there. Free space is the lightest.
 function drawSurfaces(surfaces, toPixels, width) {
   const names = [];
@@ -73,11 +127,13 @@ function drawSurfaces(surfaces, toPixels, width) {
     const { name, label, point, normal } = surface;
     const [x, y] = isNear(surface) ? toPixels(point, 0) : [-3000, 0];
     const angle = (Math.atan2(-normal[1], normal[0]) * 180) / Math.PI;
-    const left = clamp(Number(x) + 3, 4, width - 60);
+    const isAtEdge = x > width - 60;
+    const left = isAtEdge ? width - 4 : clamp(Number(x) + 3, 4, width);
     const rect = (className) => `<rect class="${className}" y="-3000" width="9000" height="6000"
       transform="translate(${x} ${y}) rotate(${angle})"/>`;
     const tint = /^(free|empty)/.test(label) ? "" : rect(safe(name));
-    names.push(`<text x="${left}" y="${12 + 13 * (i % 2)}">${safe(label)}</text>`);
+    names.push(`<text x="${left}" y="${12 + 13 * (i % 2)}"
+      text-anchor="${isAtEdge ? "end" : "start"}">${safe(label)}</text>`);
     return rect("clear") + tint;
   });
   return rects.concat(names).join("");
@@ -105,24 +161,38 @@ function drawPackets({ forward, return: back }, width, rail) {
   return `<path class="packets" d="${there.join("")}${home.join("")}"/>`;
 }
 
-// A run at the cursor: the path of the tool, the arm, the tool, and the felt position of the tool.
-function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
+// The force of the environment on a run's tool, as an arrow from the tool.
+function drawForce(run, [x, y], pixelsPerNewton) {
+  const columns = run.signal("environment_force");
+  if (!columns) return "";
+  // The signal is the force of the tool on the environment.
+  const [across, up] = see(run.vector(columns, state.cursor)).map((F) => -F * pixelsPerNewton);
+  const length = Math.hypot(across, up);
+  if (length < 2) return "";
+  const scale = Math.min(1, MOST_ARROW / length);
+  const angle = (Math.atan2(-up, across) * 180) / Math.PI;
+  return `<path class="force" d="M0 0h${length * scale}m-6 -4l6 4l-6 4"
+    transform="translate(${x} ${y}) rotate(${angle})"/>`;
+}
+
+// A run at the cursor: the path of the tool, the arm, the tool, the force on it, and where it is
+// felt.
+function drawRun(run, lane, { toPixels, pixelsPerNewton, isPlane, width, floor }) {
   const { color, title } = run.loop;
   const hasEnded = run.hasEnded(state.cursor);
   const at = (columns) => toPixels(see(run.vector(columns, state.cursor)), lane);
-  const polyline = (points, name) => {
-    const places = points.map((point) => toPixels(point, lane)).join(" ");
-    return `<polyline class="${name}" points="${places}"/>`;
-  };
+  const polyline = (places, name) => `<polyline class="${name}" points="${places.join(" ")}"/>`;
+  const arm = armAt(run).map((point) => toPixels(see(point), lane));
   const [x, y] = at(run.signal("tool_position"));
   const felt = run.signal("felt_position") ?? run.columns("master/surgeon:felt_position");
   const [u, v] = felt ? at(felt) : [x, y];
   const rail = floor + 10 + RAIL * lane;
   const tool = `<circle class="felt" cx="${u}" cy="${v}" r="${felt ? 9 : 0}"/>
-    <circle cx="${x}" cy="${y}" r="5"/>${drawPackets(run.z, width, rail)}`;
+    <circle cx="${x}" cy="${y}" r="5"/>${drawForce(run, [x, y], pixelsPerNewton)}
+    ${drawPackets(run.z, width, rail)}`;
   const cross = `<path class="end" d="M${x} ${y}m-5 -5l10 10m-10 0l10 -10"/>`;
   return `<g stroke="${color}" fill="${color}">
-    ${polyline(pathOf(run, state.cursor), "path")}${polyline(arm, "arm")}
+    ${polyline(drawnPath(run, lane, toPixels), "path")}${polyline(arm, "arm")}
     ${hasEnded ? cross : tool}
     <text x="4" y="${Number(y) + 18}">${isPlane ? "" : safe(title)}</text></g>`;
 }
@@ -141,9 +211,10 @@ function drawGhosts(lanes, toPixels) {
 // The names of both sides, and the legend of the marks.
 function drawLegend(hasChannels, width, height, floor) {
   const [left, right] = hasChannels ? ["operator", "robot"] : ["", ""];
+  const marks = "● tool ◌ as felt → force on it";
   return `<text x="4" y="${height - 12}">${left}</text>
     <text x="${width - 4}" y="${height - 12}" text-anchor="end">${right}</text>
-    <text x="${width - 4}" y="${floor - 2}" text-anchor="end">● tool ◌ as felt</text>`;
+    <text x="${width - 4}" y="${floor - 2}" text-anchor="end">${marks}</text>`;
 }
 
 // The point of each surface that is nearest to a place.
@@ -168,16 +239,10 @@ function drawScene() {
   const isPlane = state.data.view[1].some((x) => x);
   const all = surfacesOf(shown[0]);
   const surfaces = all.filter(isNear);
-  const arms = shown.map((run) => armAt(run).map(see));
-  // The picture contains all paths and, in lanes, the surfaces.
-  const paths = shown.flatMap((run) => pathOf(run, Infinity));
-  if (!isPlane) paths.push(...surfaces.map(({ point }) => point));
-  // In a drive the whole arm and the surfaces ahead are visible from the start.
-  if (state.data.hand) paths.push(...arms.flat(), ...ahead(surfaces, paths[0]));
   const lanes = isPlane ? 0 : shown.length;
-  const toPixels = fitScene(paths, arms.flat(), width, floor, lanes);
-  const picture = { toPixels, isPlane, width, floor };
-  const runs = shown.map((run, lane) => drawRun(run, lane, arms[lane], picture));
+  const { toPixels, pixelsPerNewton } = frameOf(shown, surfaces, width, floor, lanes);
+  const picture = { toPixels, pixelsPerNewton, isPlane, width, floor };
+  const runs = shown.map((run, lane) => drawRun(run, lane, picture));
   $("scene").innerHTML =
     drawSurfaces(all, toPixels, width) +
     drawGhosts(lanes, toPixels).join("") +

@@ -7,13 +7,13 @@ import { LEFT, MOST_LINES, RIGHT, placeOf, plot, sampleOf, samplesOf } from "./p
 import { shownLoop, state, wholeTime } from "./state.js";
 import { componentsOf } from "./units.js";
 
-// The scaled values of a port at the cursor, with the names of its components.
-export function valuesOf(run, port, most, scale = 1) {
+// The values of a port at the cursor as texts, with the names of its components.
+export function valuesOf(run, port, most, textOf = (value) => show(value, 3)) {
   const columns = run.columns(port) ?? [];
   if (run.hasEnded(state.cursor)) return "has ended";
   const names = componentsOf(port, columns.length);
   const values = run.vector(columns.slice(0, most), state.cursor);
-  const text = values.map((value, i) => `${names[i]} ${show(scale * value, 3)}`.trim()).join(", ");
+  const text = values.map((value, i) => `${names[i]} ${textOf(value)}`.trim()).join(", ");
   return columns.length > most ? `${text} ...` : text;
 }
 
@@ -35,9 +35,10 @@ export function makeScopes() {
 // Makes the picture of a port, in which a pointer moves the cursor and a wheel zooms.
 function makeScope(port) {
   const scope = make("div", { className: "scope" }, make("div", { className: "head" }));
-  scope.insertAdjacentHTML("beforeend", `<svg role="img" aria-label="${safe(port)}"></svg>`);
+  const picture = `<svg role="img" aria-label="${safe(port)}"></svg><div class="cursor"></div>`;
+  scope.insertAdjacentHTML("beforeend", picture);
   scope.dataset.port = port;
-  const svg = scope.lastElementChild;
+  const [, svg] = scope.children;
   const timeAt = (event) => {
     const [begin, end] = state.window;
     const { left, width } = svg.getBoundingClientRect();
@@ -76,15 +77,19 @@ export function zoom(factor, around) {
   drawScopes();
 }
 
-// The values of a run at the cursor, of a width that does not depend on them.
-function readoutOf(run, port, size, scale) {
-  const element = keyOf(run.loop, valuesOf(run, port, 3, scale));
-  const width = run.loop.title.length + 3 + 9 * Math.min(size, 3);
-  return Object.assign(element, { style: `display: inline-block; min-width: ${width}ch` });
+// The place for the values of a run at the cursor, of a width that does not depend on them.
+function makeReadout(run, size, { width }) {
+  const values = Math.max(9, (width + 4) * Math.min(size, 3));
+  const readout = make("span", { className: "readout", style: `width: ${values}ch` });
+  const element = keyOf(run.loop);
+  element.append(readout);
+  return element;
 }
 
-// The head of a scope: its port, its unit, the legend of its lines, and the values at the cursor.
-function drawHead(head, port, { scale, unit, hasCommand }) {
+// The head of a scope: its port, its unit, the legend of its lines, and places for the values at
+// the cursor.
+function makeHead(head, port, plotted) {
+  const { unit, hasCommand } = plotted;
   const { size } = placeOf(state, port);
   head.replaceChildren(
     make("b", {}, port.replace(":", " · ").replace(/^ · /, "").replaceAll("_", " ")),
@@ -92,29 +97,55 @@ function drawHead(head, port, { scale, unit, hasCommand }) {
     size > MOST_LINES ? `${MOST_LINES} of ${size}` : "",
     ...samplesOf(port, size),
     hasCommand ? sampleOf("command", "", "command") : "",
-    ...state.runs.map((run) => readoutOf(run, port, size, scale)),
+    ...state.runs.map((run) => makeReadout(run, size, plotted)),
     makeButton("×", () => toggleScope(port), { ariaLabel: `remove ${port}` }),
   );
+}
+
+// Draws the lines and the head of a scope.
+function drawLines(scope, width, height) {
+  const { port } = scope.dataset;
+  const [head, svg] = scope.children;
+  scope.plotted = plot(state, port, width, height);
+  svg.innerHTML = scope.plotted.svg;
+  makeHead(head, port, scope.plotted);
+}
+
+// Shows the cursor and its values in a scope.
+function drawCursor(scope, width) {
+  const { port } = scope.dataset;
+  const [head, , cursor] = scope.children;
+  const [begin, end] = state.window;
+  const share = (state.cursor - begin) / (end - begin);
+  cursor.hidden = share < 0 || share > 1;
+  cursor.style.transform = `translateX(${LEFT + share * (width - LEFT - RIGHT)}px)`;
+  const { scale, decimals } = scope.plotted;
+  const textOf = (value) => (scale * value).toFixed(decimals);
+  [...head.querySelectorAll(".readout")].forEach((readout, i) => {
+    readout.textContent = valuesOf(state.runs[i], port, 3, textOf);
+  });
 }
 
 // Draws all scopes; their lines only if anything but the cursor has changed.
 export function drawScopes() {
   if (!state.runs.length) return;
-  const [begin, end] = state.window;
-  for (const scope of $("scopes").children) {
-    const { port } = scope.dataset;
-    const [head, svg] = scope.children;
-    const { clientWidth: width, clientHeight: height } = svg;
-    const basis = [state.runs, state.pinned, state.runs[0].ends.length, begin, end, width];
-    if (basis.some((value, i) => value !== scope.basis?.[i])) {
+  const scopes = [...$("scopes").children];
+  // All sizes are read before anything is written, because writing changes the layout.
+  const sizes = scopes.map(({ children: [, svg] }) => [svg.clientWidth, svg.clientHeight]);
+  scopes.forEach((scope, i) => {
+    const basis = [
+      state.runs,
+      state.pinned,
+      state.runs[0].ends.length,
+      ...state.window,
+      ...sizes[i],
+    ];
+    if (basis.some((value, k) => value !== scope.basis?.[k])) {
       scope.basis = basis;
-      scope.plotted = plot(state, port, width, height);
-      svg.innerHTML = scope.plotted.svg;
+      drawLines(scope, ...sizes[i]);
     }
-    const x = ((state.cursor - begin) / (end - begin)) * (width - LEFT - RIGHT);
-    svg.querySelector(".cursor").setAttribute("transform", `translate(${x})`);
-    drawHead(head, port, scope.plotted);
-  }
+    drawCursor(scope, sizes[i][0]);
+  });
 }
 
 // Pins the current runs, which remain in the scopes as pale lines, or unpins them.

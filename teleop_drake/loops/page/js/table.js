@@ -17,11 +17,14 @@ const MAIN = [
 
 const rowOf = (tag, ...cells) => make("tr", {}, ...cells.map((cell) => make(tag, {}, cell)));
 
-// The row of a metric, in a unit that suits its values.
+const units = {}; // The scale and the unit of each metric.
+
+// The row of a metric, in a unit that suits its first values.
 function rowOfMetric(name, label) {
   const values = state.runs.map((run) => run.metrics[name]);
   const [, title, unit = ""] = /^(.*?)(?: \[(.*)\])?$/.exec(label);
-  const [scale, shownUnit] = scaleAndUnit(extent(values.filter(Number.isFinite)), unit);
+  units[name] ??= scaleAndUnit(extent(values.filter(Number.isFinite)), unit);
+  const [scale, shownUnit] = units[name];
   const missing = name.endsWith("time") ? "never" : "–";
   const texts = values.map((value) => (value === undefined ? missing : show(scale * value)));
   return rowOf("td", shownUnit ? `${title} [${shownUnit}]` : title, ...texts);

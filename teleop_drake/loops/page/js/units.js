@@ -1,5 +1,7 @@
 // Readable units, and names of components.
 
+import { range } from "./numbers.js";
+
 const PREFIXES = { [-3]: "n", [-2]: "µ", [-1]: "m", 0: "", 1: "k", 2: "M" };
 export const AXES = ["x", "y", "z", "rx", "ry", "rz"];
 
@@ -13,10 +15,18 @@ export function scaleAndUnit([low, high], unit) {
   return [10 ** (-3 * exponent), PREFIXES[exponent] + unit];
 }
 
-// The names of a signal's components: axes of the task, or numbers; a scalar has no name.
+// The names of a signal's components: axes of the task, the row and the column in a matrix, or
+// numbers; a scalar has no name.
 export function componentsOf(port, size) {
   if (size === 1) return [""];
-  const isOfTask = /(tool|environment|felt|haptic|control|command|desired|position|velocity|force)/;
-  const areAxes = size <= AXES.length && isOfTask.test(port) && !/joint|packet|weights/.test(port);
-  return Array.from({ length: size }, (_, i) => (areAxes ? AXES[i] : String(i + 1)));
+  const name = port.split(":").at(-1);
+  if (name === "psi") {
+    const order = Math.sqrt(size);
+    return range(size).map((i) => `${1 + Math.floor(i / order)}${1 + (i % order)}`);
+  }
+  const isOfTask =
+    /tool|environment|felt|haptic|control|command|desired|position|velocity|force|error/;
+  const isOther = /joint|packet|weights|generalized/;
+  const areAxes = size <= AXES.length && isOfTask.test(name) && !isOther.test(name);
+  return range(size).map((i) => (areAxes ? AXES[i] : String(i + 1)));
 }
