@@ -513,15 +513,13 @@ def test_the_lag_of_the_law_is_most_of_its_damping():
 
 
 def test_the_page_tells_the_number_of_searches():
-    """Uneven, because a search costs minutes."""
     counts = dict.fromkeys(ENTRIES, 0)
     for row in ReadTable("league_search"):
         counts[row["architecture"]] += 1
     for name, entry in ENTRIES.items():
-        is_often = len(entry.gains) == 3 or name == "linear core"
-        assert counts[name] == (5 if is_often else 1), name
-    told = "Architectures with three gains, and the core, are searched five times, the"
-    assert f"{told} others once." in " ".join(page.PAGE.read_text("utf-8").split())
+        assert counts[name] == (5 if entry.gains else 1), name
+    text = " ".join(page.PAGE.read_text("utf-8").split())
+    assert "There are five searches for each architecture." in text
 
 
 def test_the_page_tells_the_bounds_of_the_drive():

@@ -53,6 +53,17 @@ def AtEdge() -> dict[str, str]:
     }
 
 
+def _Wider(name: str) -> str:
+    """Returns what ranges twice as wide change in an architecture's time to rest."""
+    rest = {
+        row["member"]: _Text(row["rest"], "{:.2f}")
+        for row in ReadTable()
+        if row["architecture"] == name and row["runs"] == "all"
+    }
+    wider = rest["twice the range"]
+    return f"; in ranges twice as wide {wider} s to rest, not {rest['compromise']}"
+
+
 def ShortRows() -> list[list[str]]:
     """Returns the cells of the page's table: compromises, medians of all runs."""
     felt = _Felt()
@@ -132,7 +143,7 @@ def Section(name: str) -> str:
     if name == "table":
         return MarkdownTable(SHORT, ShortRows())
     if name == "edges":
-        edges = (f"{name} ({gains})" for name, gains in AtEdge().items())
+        edges = (f"{name} ({gains}{_Wider(name)})" for name, gains in AtEdge().items())
         return "\\* Gains at an edge of a range, in how many searches: " + (
             "; ".join(edges) + "." if AtEdge() else "none."
         )
