@@ -60,18 +60,28 @@ def test_an_input_may_change_one_controller_of_two():
     assert adaptive["controller.initial_psi"]["slopes"]
 
 
-def test_two_inputs_whose_product_enters_are_refused():
-    line = {"x": np.array([2.0])}
+def Product(a, b):
+    return a * b
 
-    class Product:
+
+def AtMixedCorners(a, b):
+    """It is 0 where one input has its own value, and where both are low, or high."""
+    return (a - 0.5) * (b - 0.5) * (a - b) ** 2
+
+
+@pytest.mark.parametrize("function", [Product, AtMixedCorners])
+def test_two_inputs_that_change_a_number_together_are_refused(function):
+    class Run:
+        structure = ()
+
         def __init__(self, values):
-            a, b = values.get("a", 1.0), values.get("b", 2.0)
-            self.numbers = {"x": np.array([a * b])}
-            self.structure = ()
+            x = function(values.get("a", 0.5), values.get("b", 0.5))
+            sums = values.get("a", 0.5) + values.get("b", 0.5)
+            self.numbers = {"x": np.array([x + sums])}
 
     changes = {}
-    for key, at in (("a", 1.0), ("b", 2.0)):
-        one = Input(key=key, low=0.5, high=3.0, value=at, label=key, owners=[])
-        changes[key] = FindChange(one, Product)
+    for key in "ab":
+        one = Input(key=key, low=0.0, high=1.0, value=0.5, label=key, owners=[])
+        changes[key] = FindChange(one, Run)
     with pytest.raises(NotSums, match=r"^a, b: .*change x together"):
-        CheckSums(line, changes, Product)
+        CheckSums(Run({}).numbers, changes, Run)
