@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake import blocks
+from teleop_drake.moved import FindMoved
 
 if TYPE_CHECKING:
     from teleop_drake.blocks import *  # noqa: F403
@@ -169,7 +170,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+FindMoved()
+
+
 def __dir__() -> list[str]:
     """Returns the names of the package, including those not imported yet."""
-    hidden = {"Any", "TYPE_CHECKING", "import_module"}
+    hidden = {"Any", "FindMoved", "TYPE_CHECKING", "import_module"}
     return sorted({*globals(), *__all__} - hidden)

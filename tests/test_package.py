@@ -53,7 +53,10 @@ def test_import_is_light():
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert run.stdout == "['teleop_drake', 'teleop_drake.blocks'] False\n"
+    assert (
+        run.stdout
+        == "['teleop_drake', 'teleop_drake.blocks', 'teleop_drake.moved'] False\n"
+    )
 
 
 OF_SCENARIOS = ("architectures", "operators", "robots", "scenario", "stations", "tasks")
