@@ -327,8 +327,8 @@ def test_every_block_has_a_test():
             assert has_own or any(module in text for text in tests.values()), module
 
 
-# What Python's import, Drake, argparse, PyYAML, ast, concurrent.futures, http.server and
-# socketserver call by these names, what IPython asks for, what users of pandas, SciPy
+# What Python's import, Drake, argparse, PyYAML, ast, concurrent.futures, http.server
+# and socketserver call by these names, what IPython asks for, what users of pandas, SciPy
 # and python-control expect, and what users of the first version call.
 OTHERS_NAMES = (
     "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
