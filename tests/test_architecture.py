@@ -328,8 +328,8 @@ def test_every_block_has_a_test():
 
 
 # What Python's import, Drake, argparse, PyYAML, ast, concurrent.futures, http.server
-# and socketserver call by these names, what IPython asks for, what users of pandas, SciPy
-# and python-control expect, and what users of the first version call.
+# and socketserver call by these names, what IPython asks for, what users of pandas,
+# SciPy and python-control expect, and what users of the first version call.
 OTHERS_NAMES = (
     "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
     "|do_GET|log_message|handle|setup|find_spec|create_module|exec_module"
