@@ -142,7 +142,7 @@ function drawAxes({ low, high, scale, x, y }, window, width, height) {
 // The names of events in words.
 const EVENT_WORDS = { surgeon_force: "operator holds a force", surgeon_stop: "operator stops" };
 
-// The lines of events. The first event of each name and controller is labelled.
+// The lines of events, and their names: the first event of each name and controller has one.
 function drawEvents({ runs, window }, { x, bottom }, width) {
   const all = runs.flatMap(({ events, loop }) =>
     events.map((event) => ({ ...event, color: loop.color })),
@@ -157,6 +157,7 @@ function drawEvents({ runs, window }, { x, bottom }, width) {
     ({ time, color }) => `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${color}"/>`,
   );
   // A name that would overlap another one is below it; it is left out if there is no room.
+  const labels = [];
   const ends = Array(EVENT_ROWS).fill(-Infinity);
   const names = [...firsts.values()].sort((a, b) => a.time - b.time);
   for (const { name, time, color } of names) {
@@ -165,11 +166,11 @@ function drawEvents({ runs, window }, { x, bottom }, width) {
     const left = Math.min(x(time) + 3, width - LEFT - RIGHT - wide);
     const row = ends.findIndex((end) => end <= left);
     if (row < 0) continue;
-    lines.push(`<text class="name" x="${left}" y="${11 + 12 * row}"
+    labels.push(`<text class="name" x="${left}" y="${11 + 12 * row}"
       style="fill: ${color}">${safe(text)}</text>`);
     ends[row] = left + wide + 6;
   }
-  return lines.join("");
+  return [lines.join(""), labels.join("")];
 }
 
 // A cross at the end of each line of a run that ended early, and how it ended at its first one.
@@ -198,9 +199,10 @@ export function plot(view, port, width, height) {
     return `<polyline class="${className}" points="${places}" stroke="${color}"
       stroke-dasharray="${dashes}"/>`;
   });
+  const [events, names] = drawEvents(view, axes, width);
   const svg = `${drawAxes(axes, window, width, height)}
     <svg x="${LEFT}" width="${width - LEFT}" height="${bottom}">
-    ${drawEvents(view, axes, width)}${curves.join("")}
+    ${events}${curves.join("")}${names}
     ${drawEnds(lines, axes, width).join("")}</svg>`;
   const hasCommand = lines.some(({ className }) => className === "command");
   return { ...axes, svg, hasCommand };
