@@ -2,18 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydrake.systems.framework import Context, NumericParameterIndex, System
 
 from teleop_drake.loops.engine.constants import WithConstants
 from teleop_drake.loops.engine.flatten import UnreadableLeaf, UnsupportedSystem
-from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf, LeafReader
 from teleop_drake.loops.engine.primitives import IsSilent, PrimitiveKernel
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.signals import IsOfDrake, IsPlant
+from teleop_drake.loops.framework.signals import IsOfDrake, IsPlainLeaf, IsPlant
 from teleop_drake.loops.framework.wiring import OutputNames
 from teleop_drake.loops.kernel import Kernel, KernelBlock, KernelIn
+
+if TYPE_CHECKING:
+    from teleop_drake.loops.engine.leaf_tracing import LeafReader
 
 
 def KernelOf(
@@ -40,6 +42,9 @@ def KernelOf(
 
         return PlantKernel(system, context)
     if IsReadable(system, context):
+        # Systems without such a block need none of this.
+        from teleop_drake.loops.engine.leaf_tracing import LeafReader
+
         return ReadLeaf(LeafReader(system), context, constants)
     return PrimitiveKernel(WithConstants(system, constants or {}), context)
 
@@ -50,7 +55,7 @@ def IsReadable(system: System, context: Context) -> bool:
 
 
 def ReadLeaf(
-    reader: LeafReader, context: Context, constants: Mapping[str, Array] | None = None
+    reader: "LeafReader", context: Context, constants: Mapping[str, Array] | None = None
 ) -> Kernel:
     """Returns the kernel of a user's block in Python, as it stands.
 

@@ -14,7 +14,6 @@ from pydrake.systems.framework import Context, PortDataType, System
 from teleop_drake.loops.engine.block_events import OwnContext
 from teleop_drake.loops.engine.evaluator import Evaluator, IsDelayed
 from teleop_drake.loops.engine.flatten import Block, Source
-from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
 from teleop_drake.loops.engine.run import CompiledRun, Visited
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import (
@@ -22,6 +21,7 @@ from teleop_drake.loops.framework.contexts import (
     DiscreteState,
     SetDiscreteState,
 )
+from teleop_drake.loops.framework.signals import IsPlainLeaf
 from teleop_drake.loops.kernel import KernelBlock
 from teleop_drake.loops.kernel.events import Ticks
 

@@ -18,9 +18,8 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.signals import IsOfDrake, NameOf
+from teleop_drake.loops.framework.signals import IsOfDrake, IsPlainLeaf, NameOf
 from teleop_drake.loops.framework.validation import ScenarioError
 
 ConstantValues = Mapping[System, Mapping[str, Array]]

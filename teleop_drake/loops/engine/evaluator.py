@@ -7,7 +7,7 @@ import copy
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -29,17 +29,24 @@ from teleop_drake.loops.engine.flatten import (
     UnsupportedSystem,
 )
 from teleop_drake.loops.engine.known_programs import KnownFunction, Remember
-from teleop_drake.loops.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
 from teleop_drake.loops.engine.left_out import EmptyKernel, FindLeftOut
 from teleop_drake.loops.engine.plant_limits import JointLimits, LimitsOf
 from teleop_drake.loops.engine.primitives import IsSilent
 from teleop_drake.loops.engine.program import Program
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn, DiscreteState
-from teleop_drake.loops.framework.signals import IsOfDrake, IsPlant, SignalsOf
+from teleop_drake.loops.framework.signals import (
+    IsOfDrake,
+    IsPlainLeaf,
+    IsPlant,
+    SignalsOf,
+)
 from teleop_drake.loops.jit.native import Evaluate, Kept, Library
 from teleop_drake.loops.jit.scalar_code import ALL, MakeCode
 from teleop_drake.loops.kernel import Delay, Kernel
+
+if TYPE_CHECKING:
+    from teleop_drake.loops.engine.leaf_tracing import LeafReader
 
 
 def pass_at_zero(delay: float, delayed: Array, signal: Array) -> Array:
@@ -176,6 +183,8 @@ class Evaluator:
             own = contexts[block.system]
             # A user may have added an event to a block that is left out, too.
             if is_left_out and IsPlainLeaf(block.system):
+                from teleop_drake.loops.engine.leaf_tracing import CheckSink
+
                 CheckSink(block.system)
             elif i not in obstacles and not self._HasKnownEvents(i):
                 CheckEvents(block.system, kernels[i], own, is_sink=is_left_out)
@@ -335,6 +344,8 @@ class Evaluator:
             context = contexts[block.system]
             try:
                 if IsReadable(block.system, context):
+                    from teleop_drake.loops.engine.leaf_tracing import LeafReader
+
                     reader = LeafReader(block.system)
                     kernels[i] = ReadLeaf(reader, context)
                     self._readers[i] = reader

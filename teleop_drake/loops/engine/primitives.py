@@ -25,11 +25,10 @@ from pydrake.systems.primitives import (
 from teleop_drake.loops.engine.constants import ConstantsOf
 from teleop_drake.loops.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
-from teleop_drake.loops.engine.leaf_tracing import IsPlainLeaf
 from teleop_drake.loops.engine.mesh_kernel import MeshKernel
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import DiscreteState, SetDiscreteState
-from teleop_drake.loops.framework.signals import IsOfDrake, VectorOutputs
+from teleop_drake.loops.framework.signals import IsOfDrake, IsPlainLeaf, VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts, OutputPorts
 from teleop_drake.loops.kernel import Kernel, Term, Transition
 from teleop_drake.loops.kernel.kernel import times

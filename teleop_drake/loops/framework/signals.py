@@ -8,7 +8,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
+from pydrake.systems.framework import (
+    Diagram,
+    LeafSystem,
+    OutputPort,
+    PortDataType,
+    System,
+    VectorSystem,
+)
 
 from teleop_drake.loops.framework.validation import (
     CheckChoice,
@@ -200,6 +207,19 @@ def ClassOf(system: System) -> str:
         return type(system).__name__
     of_cpp: str = system.GetSystemType()
     return of_cpp.partition("<")[0].rpartition("::")[2]
+
+
+def IsPlainLeaf(system: Any) -> bool:
+    """Returns whether a system is a user's LeafSystem in Python without a kernel.
+
+    A subclass of another class of Drake's is none: parts of it are not in Python.
+    """
+    if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
+        return False
+    if type(system).__module__.startswith("teleop_drake."):
+        return False
+    of_drake = [x for x in type(system).__mro__ if x.__module__.startswith("pydrake")]
+    return of_drake[0] in (LeafSystem, VectorSystem)
 
 
 def IsOfDrake(system: System) -> bool:

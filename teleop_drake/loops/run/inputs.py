@@ -12,9 +12,8 @@ from pydrake.systems.framework import (
 
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import Flatten, InputsOf
-from teleop_drake.loops.engine.leaf_tracing import HasInitialization
 from teleop_drake.loops.framework.contexts import ContextsIn
-from teleop_drake.loops.framework.signals import IsPlant, NameOf
+from teleop_drake.loops.framework.signals import IsPlainLeaf, IsPlant, NameOf
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.framework.wiring import InputPorts
 
@@ -60,7 +59,13 @@ def CheckInitialization(
     Raises:
         UnsupportedSystem: If a block cannot be compiled.
     """
-    if any(HasInitialization(block.system) for block in Flatten(diagram)):
+    own = [x.system for x in Flatten(diagram) if IsPlainLeaf(x.system)]
+    if not own:
+        return
+    # Systems without a block of a user's in Python need none of this.
+    from teleop_drake.loops.engine.leaf_tracing import HasInitialization
+
+    if any(map(HasInitialization, own)):
         start = diagram.CreateDefaultContext() if context is None else context
         Evaluator(diagram, start, recorded=signals.values())
 

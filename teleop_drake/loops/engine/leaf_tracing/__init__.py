@@ -2,9 +2,8 @@
 
 from teleop_drake.loops.engine.leaf_tracing.reader import (
     HasInitialization,
-    IsPlainLeaf,
     LeafReader,
 )
 from teleop_drake.loops.engine.leaf_tracing.sinks import CheckSink
 
-__all__ = ["CheckSink", "HasInitialization", "IsPlainLeaf", "LeafReader"]
+__all__ = ["CheckSink", "HasInitialization", "LeafReader"]

@@ -23,7 +23,6 @@ from pydrake.systems.framework import (
     DiscreteValues,
     EventStatus,
     InputPort,
-    LeafSystem,
     OutputPort,
     PortDataType,
     State,
@@ -85,23 +84,8 @@ _INPUT = 0.5
 _ENGINE = Path(__file__).parents[1]
 
 
-def IsPlainLeaf(system: Any) -> bool:
-    """Returns whether a system is a user's LeafSystem in Python without a kernel.
-
-    A subclass of another class of Drake's is none: parts of it are not in Python.
-    """
-    if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
-        return False
-    if type(system).__module__.startswith("teleop_drake."):
-        return False
-    of_drake = [x for x in type(system).__mro__ if x.__module__.startswith("pydrake")]
-    return of_drake[0] in (LeafSystem, VectorSystem)
-
-
 def HasInitialization(system: Any) -> bool:
-    """Returns whether a block has an initialization event in Python."""
-    if not IsPlainLeaf(system):
-        return False
+    """Returns whether a user's block in Python has an initialization event."""
     own = system.CreateDefaultContext()
     try:
         found = FindCallback(lambda x: system.ExecuteInitializationEvents(x), own)
