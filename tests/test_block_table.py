@@ -58,7 +58,10 @@ pytestmark = [
 MODULES = {"numpy": np, "numpy.linalg": np.linalg, "math": math, "Python": builtins}
 KNOWN = {*UFUNCS, *FUNCTIONS, *REPLACED}
 Rows = Iterator[tuple[str, ...]]
-FOLDERS = "architectures", "channels", "environments", "operators", "robots", "systems"
+FOLDERS = {
+    *("architectures", "blocks", "delays", "environments"),
+    *("operators", "robots", "systems"),
+}
 BEGIN, END = "<!-- tests/test_block_table.py writes this -->", "<!-- until here -->"
 EXTRAS: dict = {
     "forward_channel": {"kind": "network", "delay": 0.1, "sample_period": 0.01},
@@ -188,11 +191,11 @@ def Blocks() -> Rows:
         for path, system in inside.items():
             module, name = type(system).__module__, type(system).__name__
             if path == "robot" and name == "Diagram":
-                module, name = "teleop_drake.model.blocks.robots", robot
+                module, name = "teleop_drake.model.blocks.robots.base", robot
             if name not in seen and not name.startswith("_"):
                 seen.add(name)
-                room = module.removeprefix("teleop_drake.").removeprefix("blocks.")
-                folder = room.partition(".")[0]
+                own = r"^teleop_drake\.(loops|model)\.(blocks\.(?=\w+\.))?"
+                folder = re.sub(own, "", module).partition(".")[0]
                 group = {"pydrake": "Drake"}.get(folder, folder)
                 yield group, name, Code(system), Slopes(system), in_page
 
@@ -290,7 +293,7 @@ def test_the_table_is_what_the_code_gives():
 def test_every_block_is_in_the_table():
     names = set(KERNELS)
     for module in pkgutil.walk_packages(teleop_drake.__path__, "teleop_drake."):
-        if module.name.split(".")[1] in FOLDERS:
+        if FOLDERS & set(module.name.split(".")[2:-1]):
             for name, kind in vars(importlib.import_module(module.name)).items():
                 if isinstance(kind, type) and issubclass(kind, System):
                     is_base = name.startswith("_") or kind.__subclasses__()

@@ -107,7 +107,7 @@ def Exact(name: str, times: np.ndarray) -> np.ndarray:
         t = 1 + times
         later = t / 4 + 0.5 + (1 - ROOT_2 / 2) * np.sqrt(t)
         return np.where(t < 2, np.sqrt(t), later)
-    from blocks.channels.test_signal_delay import MethodOfSteps
+    from loops.delays.test_signal_delay import MethodOfSteps
 
     end = PROBLEMS[name].end
     x = MethodOfSteps(end, 1.25e-4)

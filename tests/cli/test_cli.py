@@ -302,7 +302,7 @@ def test_diagram(capsys):
 @pytest.fixture
 def interrupted(monkeypatch):
     """Makes simulate() return what it had when Ctrl-C came."""
-    simulate = teleop_drake.model.run.simulate
+    simulate = teleop_drake.model.run.simulate.simulate
 
     def interrupted_simulate(scenario, progress=None, engine="drake"):
         recording = simulate(scenario)

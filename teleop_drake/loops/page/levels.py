@@ -71,7 +71,9 @@ def _NameParts(
             _Widen(group)
         elif box := _BOX.fullmatch(title.text or ""):
             place = int(box[1])
-            _NameCells(group, boxes[place], is_level[place])
+            # Nodes of channels outside of the diagram have other numbers.
+            if place < len(boxes):
+                _NameCells(group, boxes[place], is_level[place])
 
 
 def _Widen(wire: ElementTree.Element) -> None:

@@ -9,6 +9,7 @@ from pydrake.systems.framework import (
     CacheIndex,
     Context,
     Diagram,
+    LeafSystem,
     OutputPort,
     OutputPortIndex,
     System,
@@ -297,6 +298,8 @@ def _IsOutOfDate(port: OutputPort, root_context: Context) -> bool:
             OutputPortIndex(port.get_index())
         )
         port = system.get_output_port(int(index))
+    if not isinstance(system, LeafSystem):
+        return True  # Some Diagrams of Drake's are known as Systems only.
     # Drake names the cache entry of each output of a leaf in this way.
     name = f"output port {int(port.get_index())}({port.get_name()}) cache"
     i = 0

@@ -24,7 +24,8 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     if own is not None:
         kind = ImportOwn(own, "task")
         if not (isinstance(kind, type) and issubclass(kind, Task)):
-            Refuse("task", own, "a class that derives from tasks.Task")
+            base = f"{Task.__module__.rpartition('.')[0]}.{Task.__name__}"
+            Refuse("task", own, f"a class that derives from {base}")
         return kind()
     for scenario_class, task in TASKS.items():
         if isinstance(scenario, scenario_class):

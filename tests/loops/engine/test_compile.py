@@ -109,7 +109,7 @@ def test_without_a_place_to_keep_it_the_code_still_runs(cache):
 def test_several_processes_may_compile_at_once(cache):
     here = Path(__file__).parent
     program = (
-        f"import sys; sys.path[:0] = {[str(here), str(here.parent)]}\n"
+        f"import sys; sys.path[:0] = {[str(here), str(here.parents[1])]}\n"
         "import test_compile as t; t.check_machine_code(t.decay(3.0))"
     )
     runs = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(3)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.delays.netem import ParseNetem
 from teleop_drake.loops.delays.netem_queue import Deliver, Table
 from teleop_drake.loops.delays.network import NetworkChannelConfig

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import sources
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.delays.network import NetworkChannelConfig, NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.delays.network import NetworkChannelConfig
 from teleop_drake.loops.delays.trace import ReadTrace
 from teleop_drake.loops.delays.variable import VariableChannelConfig

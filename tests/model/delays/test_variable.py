@@ -16,7 +16,7 @@ from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
 from sources import Step
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
 from teleop_drake.model.scenario import ScenarioError

@@ -27,7 +27,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.engine.block_events import CheckEvents
 from teleop_drake.loops.engine.block_kernels import KernelOf
 from teleop_drake.loops.engine.flatten import UnsupportedSystem

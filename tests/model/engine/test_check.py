@@ -9,7 +9,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.engine.check import CompareTransitions, KernelDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.kernel import Kernel, Transition

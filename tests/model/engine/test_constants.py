@@ -15,8 +15,9 @@ from pydrake.systems.primitives import (
     Sine,
 )
 
+from teleop_drake import Compile, MakePage, simulate
 from teleop_drake.blocks import LayerConfig, LayeredForceField
-from teleop_drake.loops import Compile, MakePage, NamedParameters, simulate
+from teleop_drake.loops import NamedParameters
 from teleop_drake.loops.engine.constants import ConstantsOf
 from teleop_drake.loops.engine.parameters import SetNumbers
 from teleop_drake.loops.kernel import Kernel

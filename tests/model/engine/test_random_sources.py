@@ -11,8 +11,8 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake import SampledSensor
-from teleop_drake.loops import Compile, TransportDelay, simulate
+from teleop_drake import Compile, SampledSensor, simulate
+from teleop_drake.loops import TransportDelay
 from teleop_drake.loops.kernel import Kernel, KernelBlock
 
 TIMES = np.linspace(0.0005, 0.9995, 300)

@@ -9,7 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, Sine
 
-from teleop_drake.loops import Compile, LinearizePorts, MakePage, simulate
+from teleop_drake import Compile, MakePage, simulate
+from teleop_drake.loops import LinearizePorts
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.engine import parameters
 from teleop_drake.loops.engine.parameters import CheckNumbers, SetNumbers

@@ -12,8 +12,7 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import LeafSystem, PortDataType, System
 from test_block_table import Scenes
 
-from teleop_drake import loops, model
-from teleop_drake.loops import simulate
+from teleop_drake import loops, model, simulate
 from teleop_drake.loops.framework.signals import VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from runs import Run
 
-from teleop_drake.loops import simulate
+from teleop_drake import simulate
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.packet_options import Jitter, Loss
 from teleop_drake.model.scenario import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.loops import Compile, simulate
+from teleop_drake import Compile, simulate
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.scenario import LoadScenario, ScenarioFromYaml, ScenarioToYaml
 from teleop_drake.study.analysis.stability import AnalyzeStability

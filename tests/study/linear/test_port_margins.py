@@ -18,8 +18,8 @@ from pydrake.systems.primitives import (
     SymbolicVectorSystem,
 )
 
-from teleop_drake import AnalyzeStability, LoadScenario, MakeTeleoperator
-from teleop_drake.loops import DelayMargin, LinearizePorts, TransportDelay, simulate
+from teleop_drake import AnalyzeStability, LoadScenario, MakeTeleoperator, simulate
+from teleop_drake.loops import DelayMargin, LinearizePorts, TransportDelay
 from teleop_drake.loops.engine.parameters import SetNumbers
 from teleop_drake.loops.linear.delay_map import DelayMargins
 
