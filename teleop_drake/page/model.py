@@ -23,10 +23,9 @@ from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
 from teleop_drake.engine.problem import BREAKS, JUMPS, ROWS, Memory
 from teleop_drake.engine.run import CompiledRun
-from teleop_drake.numerics.rigid_body import RigidBodyTree
 from teleop_drake.page.late_wires import LateWires
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.plants import PlantData, TreesIn
+from teleop_drake.page.plants import PlantData, PlantPicture, PlantPictures
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.signals import (
     NameOf,
@@ -87,7 +86,7 @@ class Model:
             `has_constant_command` (as in Recording), the names of `surfaces` and
             `materials`, and `draws` (of random sources: the time in s, the place in
             Memory.y and the new values of each).
-        plants: The links of the MultibodyPlants to draw; see TreesIn().
+        plants: The pictures of the MultibodyPlants; see PlantPictures().
         late: The delays on connections; None: there are none.
     """
 
@@ -98,7 +97,7 @@ class Model:
     surfaces: tuple[Surface, ...]
     has_zero_delays: bool
     facts: dict[str, Any]
-    plants: dict[str, RigidBodyTree]
+    plants: dict[str, PlantPicture]
     late: LateWires | None
 
     @property
@@ -347,7 +346,7 @@ def MakeModel(
         surfaces=surfaces,
         facts=_FactsOf(run, surfaces),
         late=late,
-        plants=TreesIn(diagram, context, evaluator.left_out),
+        plants=PlantPictures(diagram, context, evaluator.left_out),
     )
 
 

@@ -295,7 +295,7 @@ def _OfDiagram(
     data = {
         **_Data(title.replace("_", " "), [*inputs, *fields], {}, runs),
         "fixed": FixedNumbers([numbers], why),
-        "view": ViewOf(model.plants.values()),
+        "view": ViewOf(plant.tree for plant in model.plants.values()),
         "hand": None,
         "isDiagram": True,
     }
