@@ -168,7 +168,7 @@ def _DataOf(
             title.replace("_", " "), [*inputs, *fields], {}, runs, job.context
         ),
         "fixed": FixedNumbers([numbers], why),
-        "view": ViewOf(model.plants.values()),
+        "view": ViewOf(plant.tree for plant in model.plants.values()),
         "hand": None,
         "isDiagram": True,
     }

@@ -32,10 +32,9 @@ from teleop_drake.loops.framework.signals import (
 from teleop_drake.loops.framework.surface import Surface, SurfacesIn
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.framework.wiring import InputPorts
-from teleop_drake.loops.numerics.rigid_body import RigidBodyTree
 from teleop_drake.loops.page.late_wires import LateWires
 from teleop_drake.loops.page.levels import Levels
-from teleop_drake.loops.page.plants import PlantData, TreesIn
+from teleop_drake.loops.page.plants import PlantData, PlantPicture, PlantPictures
 from teleop_drake.loops.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.loops.run.compiled_run import StartOf
 from teleop_drake.loops.run.initial_modes import SetInitialModes
@@ -97,7 +96,7 @@ class Model:
             hand's command; None without a hand), the names of `surfaces` and
             `materials`, and `draws` (of random sources: the time in s, the place in
             Memory.y and the new values of each).
-        plants: The links of the MultibodyPlants to draw; see TreesIn().
+        plants: The pictures of the MultibodyPlants; see PlantPictures().
         late: The delays on connections; None: there are none.
     """
 
@@ -107,7 +106,7 @@ class Model:
     surfaces: tuple[Surface, ...]
     has_zero_delays: bool
     facts: dict[str, Any]
-    plants: dict[str, RigidBodyTree]
+    plants: dict[str, PlantPicture]
     late: LateWires | None
 
     @property
@@ -205,8 +204,8 @@ class Model:
 
     def _JointUnit(self, path: str, port: str) -> str:
         """Returns the unit of a robot's joints; "" if some turn and others slide."""
-        tree = self.plants.get(f"{path}/plant")
-        sorts = set() if tree is None else set(tree.is_prismatic.tolist())
+        plant = self.plants.get(f"{path}/plant")
+        sorts = set() if plant is None else set(plant.tree.is_prismatic.tolist())
         if len(sorts) != 1 or port not in _JOINT_UNITS:
             return ""
         turning, sliding = _JOINT_UNITS[port]
@@ -395,7 +394,7 @@ def _ModelAt(
         surfaces=surfaces,
         facts=_FactsOf(run, surfaces),
         late=late,
-        plants=TreesIn(diagram, start, evaluator.left_out),
+        plants=PlantPictures(diagram, start, evaluator.left_out),
     )
 
 

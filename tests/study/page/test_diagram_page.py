@@ -7,6 +7,8 @@ import pytest
 from foreign.wiring import SerialArm
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.examples import PendulumPlant
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -23,7 +25,7 @@ from teleop_drake.cli import main
 from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.engine.parameters import SetNumbers
 from teleop_drake.loops.numerics.step_polynomials import interpolate
-from teleop_drake.loops.page.plants import TreesIn, ViewOf
+from teleop_drake.loops.page.plants import PlantPictures, ViewOf
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
 from teleop_drake.study.page.page import MakePage
 
@@ -270,13 +272,46 @@ def test_plants_are_drawn_as_frames_and_links(look, tmp_path):
 
 def test_the_view_shows_the_plane_in_which_joints_turn():
     plant = SerialArm([0.5])
-    (tree,) = TreesIn(plant, plant.CreateDefaultContext()).values()
+    (picture,) = PlantPictures(plant, plant.CreateDefaultContext()).values()
+    tree = picture.tree
     assert ViewOf([tree]) == [[1, 0, 0], [0, 0, 1]]
     tree = tree._replace(axes=np.array([[0.0, 0.0, 1.0]]))
     assert ViewOf([tree]) == [[1, 0, 0], [0, 1, 0]]
     tree = tree._replace(axes=np.array([[0.6, 0.0, 0.8]]))
     right, up = np.array(ViewOf([tree]))
     assert right @ up == pytest.approx(0, abs=1e-3)
+
+
+URDF = """<robot name="arm"><link name="rod">
+<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>
+</inertial>
+<KIND><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.2 0.1"/></geometry></KIND>
+<KIND><origin xyz="1 0 0"/><geometry><sphere radius="0.5"/></geometry></KIND>
+<KIND><geometry><cylinder radius="0.5" length="2"/></geometry></KIND></link>
+<joint name="turn" type="revolute"><parent link="world"/><child link="rod"/>
+<axis xyz="0 1 0"/><limit effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("kind", ["visual", "collision"])
+def test_shapes_of_a_plant_have_their_extent(kind):
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    Parser(plant).AddModelsFromString(URDF.replace("KIND", kind), "urdf")
+    plant.Finalize()
+    diagram = builder.Build()
+    (picture,) = PlantPictures(diagram, diagram.CreateDefaultContext()).values()
+    extents = [
+        (link, np.min(points, axis=0), np.max(points, axis=0))
+        for link, points in picture.shapes
+    ]
+    expected = [
+        ([0.0, -0.1, -0.05], [0.4, 0.1, 0.05]),
+        ([0.5, -0.5, -0.5], [1.5, 0.5, 0.5]),
+        ([-0.5, -0.5, -1.0], [0.5, 0.5, 1.0]),
+    ]
+    assert [link for link, _, _ in extents] == [0, 0, 0]
+    found = sorted((list(low), list(high)) for _, low, high in extents)
+    np.testing.assert_allclose(found, sorted(expected), atol=0.04)
 
 
 @pytest.fixture
