@@ -39,8 +39,10 @@ def G(q):
 
 def J(q):
     """(A.7), (A.8)"""
-    s1, c1 = np.sin(q[0]), np.cos(q[0])
-    s12, c12 = np.sin(q[0] + q[1]), np.cos(q[0] + q[1])
+    s1 = np.sin(q[0])
+    c1 = np.cos(q[0])
+    s12 = np.sin(q[0] + q[1])
+    c12 = np.cos(q[0] + q[1])
     return np.array([[-L1 * s1 - L3 * s12, -L3 * s12], [L1 * c1 + L3 * c12, L3 * c12]])
 
 

@@ -7,7 +7,8 @@ from teleop_drake.loops.numerics.state_space import state_space
 
 def Retarded(A0, A1):
     """The loop of dx/dt = A0 x + A1 x(t - T)."""
-    A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
+    A0 = np.array(A0, dtype=float)
+    A1 = np.array(A1, dtype=float)
     U, sigma, Vt = np.linalg.svd(A1)
     rank = int(np.sum(sigma > 1e-12))
     return state_space(

@@ -40,6 +40,7 @@ def CheckPicture(committed: Path, drawn: str | os.PathLike[str]) -> None:
     """
     if tuple(map(int, matplotlib.__version__.split(".")[:2])) < (3, 11):
         pytest.skip("the committed pictures are of matplotlib 3.11")
-    before, now = imread(committed), imread(drawn)
+    before = imread(committed)
+    now = imread(drawn)
     assert now.shape == before.shape
     assert np.mean(np.abs(now - before)) < 0.01

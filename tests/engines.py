@@ -18,7 +18,8 @@ Signals = dict[str, np.ndarray]
 def InDrake(diagram: Diagram, config: SimulatorConfig, times: np.ndarray) -> Signals:
     """Returns the signals (k, n) at times in s, by Drake's Simulator."""
     simulator = MakeSimulator(diagram, config)
-    root, rows = simulator.get_context(), []
+    root = simulator.get_context()
+    rows = []
     for time in times:
         simulator.AdvanceTo(time)
         rows.append(
@@ -63,7 +64,8 @@ def InWebAssembly(
 ) -> Signals:
     """Returns the signals (k, n) at times in s, by a page's module."""
     model = MakeModel(diagram, config, times[-1])
-    instance, (_, accuracy, max_step, *_) = Instance(model), model.numbers["run"]
+    instance = Instance(model)
+    (_, accuracy, max_step, *_) = model.numbers["run"]
     rows = []
     for time in times:
         assert instance.Run(time, accuracy, max_step) == 0

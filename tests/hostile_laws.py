@@ -35,7 +35,8 @@ def limit_dictionary(state, F, limit):
     if limit < F:
         state["F"] = limit
     elif -limit > F:
-        state["F"], state["low"] = -limit, 1.0
+        state["F"] = -limit
+        state["low"] = 1.0
 
 
 def wave(x):
@@ -104,9 +105,12 @@ def zeros_of(x):
     return np.array([0, 0]) if x > 0 else np.zeros(2)
 
 
-TABLE_32, NUMBER_32 = np.full(6, 0.1, np.float32), np.float32(0.1)
-TABLE_8, LARGE = np.array([1, 2, 3, 4], np.int8), np.array([2**53 + 1, 2**53])
-TABLE, PLACES = np.array([1.0, 4.0, 9.0, 16.0]), np.array([3, 1, 2, 0])
+TABLE_32 = np.full(6, 0.1, np.float32)
+NUMBER_32 = np.float32(0.1)
+TABLE_8 = np.array([1, 2, 3, 4], np.int8)
+LARGE = np.array([2**53 + 1, 2**53])
+TABLE = np.array([1.0, 4.0, 9.0, 16.0])
+PLACES = np.array([3, 1, 2, 0])
 
 
 def inverse(A):
@@ -116,9 +120,13 @@ def inverse(A):
         return 0 * A
 
 
-COUNTS, NOTES, SPRING = [0], {"last": 0.0}, SimpleNamespace(k=2.0)
+COUNTS = [0]
+NOTES = {"last": 0.0}
+SPRING = SimpleNamespace(k=2.0)
 
-NUMBERS, WORK, TOTAL = itertools.count(), np.ones(6), 0
+NUMBERS = itertools.count()
+WORK = np.ones(6)
+TOTAL = 0
 
 
 class Calls:
@@ -148,7 +156,8 @@ class Damper:
     limits = [0.5]  # noqa: RUF012
 
     def __init__(self):
-        self.gains, self.used = {"b": 2.0}, []
+        self.gains = {"b": 2.0}
+        self.used = []
 
     def force(self, x):
         return -self.gains["b"] * min(x, self.limits[0])
@@ -170,7 +179,8 @@ class Damper:
         return self.force(x) + 1.0
 
 
-DAMPER, FORCES = Damper(), {math.sin: 2.0, shifted: 3.0}
+DAMPER = Damper()
+FORCES = {math.sin: 2.0, shifted: 3.0}
 
 
 @functools.cache
@@ -179,10 +189,12 @@ def matrix(n):
 
 
 class Mode(enum.Enum):
-    FREE, HELD = 1, 2
+    FREE = 1
+    HELD = 2
 
 
-MODES, NAMES = [Mode.HELD], {"free", "held"}
+MODES = [Mode.HELD]
+NAMES = {"free", "held"}
 
 
 def friction(v, level=0.3):
@@ -213,18 +225,19 @@ class Right:
         return np.array([twice_if(x[1] > 0.1, value), twice_if(x[2] > 0.1, value)])
 
     def force_limits(x):
-        F, state = (
-            [3 * x[0] - x[1], x[1] * 2],
-            SimpleNamespace(F=x[0], is_limited=False),
-        )
-        size, values = limit_list(F, 0.8), {"F": x[2]}
+        F = [3 * x[0] - x[1], x[1] * 2]
+        state = SimpleNamespace(F=x[0], is_limited=False)
+        size = limit_list(F, 0.8)
+        values = {"F": x[2]}
         limit_object(state, x[0], 0.8)
         limit_dictionary(values, x[2], 0.5)
         return np.array([*F, size, state.F, state.is_limited, values["F"], len(values)])
 
     def alias_returned_one_way(x):
-        raw, other = 2 * x[:2], 3 * x[2:4]
-        F, G = limited(raw, 1.0), limited(other, 1.0)
+        raw = 2 * x[:2]
+        other = 3 * x[2:4]
+        F = limited(raw, 1.0)
+        G = limited(other, 1.0)
         F -= 0.1 * x[2:4]
         other[0] = 7.0
         return np.concatenate((F, raw, G, other))
@@ -236,7 +249,9 @@ class Right:
         return np.concatenate((F, raw))
 
     def arrays_in_lists(x):
-        a, b, counts = 1 * x, 2 * x, np.zeros(2, dtype=int)
+        a = 1 * x
+        b = 2 * x
+        counts = np.zeros(2, dtype=int)
         longer(a, b)[2] = 9.0
         swapped(items := [a, b], x[0])
         items[0][0] = 8.0
@@ -245,7 +260,8 @@ class Right:
         return np.concatenate((a, b, counts * 1.0))
 
     def whatever_helpers_return(x):
-        seen, zeros = [0.0], zeros_of(x[2])
+        seen = [0.0]
+        zeros = zeros_of(x[2])
         called(seen.append, x[0])
         called(lambda value: seen.append(2 * value), x[1])
         zeros[0] = 0.7
@@ -260,7 +276,8 @@ class Right:
         return x[:1]
 
     def yes_and_no(x):
-        a, b = x[0] > 0, x[1] > 0
+        a = x[0] > 0
+        b = x[1] > 0
         stored = np.zeros(3)
         stored[0], stored[1] = a, stored[0] + b
         numbers = [float(a) + float(b), a * 2 + b * 3.0, np.sum(x > 0), sum([a, b])]
@@ -333,7 +350,9 @@ class Right:
 
     # Functions.
     def functions(x):
-        a, b, u = x[0], x[1], math.tanh(x[2])
+        a = x[0]
+        b = x[1]
+        u = math.tanh(x[2])
         angles = np.arctan2(a, b), math.atan2(a, b), np.arccos(u), math.acos(u)
         waves = np.arcsin(u), np.cosh(a), math.sinh(a), np.sinh(b), np.arctan(b)
         rests = np.floor(a), norm(x), norm([a, b]), abs(a) ** b, 2**a, a**-1
@@ -341,7 +360,8 @@ class Right:
         return np.array([*angles, *waves, *rests, *lists, *x[::-1]])
 
     def remainders_and_lengths(x):
-        a, b = x[0], x[1]
+        a = x[0]
+        b = x[1]
         rests = a % 0.7, a % -0.7, np.mod(a, b), 2.5 % b, math.fmod(a, 0.3), np.sign(a)
         lengths = np.hypot(1e200 * a, 1e200), math.hypot(a, b), np.trunc(3 * a)
         ends = np.max(x), np.min(x), np.mean(x), math.radians(a), np.rad2deg(b)
@@ -350,7 +370,8 @@ class Right:
         return np.array([*rests, *lengths, *ends, *table, *counts])
 
     def matrices_of_numpy(x):
-        A, M = np.outer(x[:3], x[3:]) + np.diag(x[1:4]), x.reshape(2, 3)
+        A = np.outer(x[:3], x[3:]) + np.diag(x[1:4])
+        M = x.reshape(2, 3)
         solutions = np.linalg.solve(A, x[:3]), np.linalg.inv(A)[0], np.sum(M, axis=0)
         return np.concatenate(([norm(M), np.trace(A)], *solutions, (M @ A)[0]))
 

@@ -87,27 +87,38 @@ class SpatialArm:
 
     start: tuple[float, float, float]
     n = 3
-    height, damping, I_column = 0.2, 0.2, 0.001
+    height = 0.2
+    damping = 0.2
+    I_column = 0.001
     # By link: length, centre, mass, moment of inertia about its own axis and across it.
-    lengths, centres, masses = (0.4, 0.3), (0.2, 0.15), (0.4, 0.3)
-    I_along, I_across = (0.0001, 0.0001), (0.0054, 0.0023)
+    lengths = (0.4, 0.3)
+    centres = (0.2, 0.15)
+    masses = (0.4, 0.3)
+    I_along = (0.0001, 0.0001)
+    I_across = (0.0054, 0.0023)
 
     def start_joints(self):
         x, y, z = self.start
-        r, h, (l1, l2) = np.hypot(x, y), z - self.height, self.lengths
+        r = np.hypot(x, y)
+        h = z - self.height
+        (l1, l2) = self.lengths
         c = np.arccos((r * r + h * h - l1 * l1 - l2 * l2) / (2 * l1 * l2))
         b = -np.arctan2(h, r) - np.arctan2(l2 * np.sin(c), l1 + l2 * np.cos(c))
         return np.array([np.arctan2(y, x), b, c])
 
     def jacobian(self, q):
         """Returns p_WT and its derivatives with respect to q."""
-        angles, lengths = np.array([q[1], q[1] + q[2]]), np.array(self.lengths)
-        across, down = lengths * np.cos(angles), lengths * np.sin(angles)
-        r, turn = across.sum(), np.array([np.cos(q[0]), np.sin(q[0])])
+        angles = np.array([q[1], q[1] + q[2]])
+        lengths = np.array(self.lengths)
+        across = lengths * np.cos(angles)
+        down = lengths * np.sin(angles)
+        r = across.sum()
+        turn = np.array([np.cos(q[0]), np.sin(q[0])])
         p = np.array([*(r * turn), self.height - down.sum()])
         J = np.zeros((3, 3))
         J[:2, 0] = r * np.array([-turn[1], turn[0]])
-        J[:2, 1], J[:2, 2] = -down.sum() * turn, -down[1] * turn
+        J[:2, 1] = -down.sum() * turn
+        J[:2, 2] = -down[1] * turn
         J[2, 1:] = -across.sum(), -across[1]
         return p, J
 
@@ -117,13 +128,17 @@ class SpatialArm:
 
     def inertia(self, q):
         """Returns M, and how its first entry depends on b and c."""
-        (l1, _), (c1, c2), (m1, m2) = self.lengths, self.centres, self.masses
-        b, both = q[1], q[1] + q[2]
+        (l1, _) = self.lengths
+        (c1, c2) = self.centres
+        (m1, m2) = self.masses
+        b = q[1]
+        both = q[1] + q[2]
         r = c1 * np.cos(b), l1 * np.cos(b) + c2 * np.cos(both)
         # The radii's derivatives with respect to b and c.
         r_b = -c1 * np.sin(b), -l1 * np.sin(b) - c2 * np.sin(both)
         r_c = 0.0, -c2 * np.sin(both)
-        M, slope = np.zeros((3, 3)), np.zeros(2)
+        M = np.zeros((3, 3))
+        slope = np.zeros(2)
         M[0, 0] = self.I_column
         links = zip(self.masses, (b, both), self.I_along, self.I_across, strict=True)
         for i, (m, angle, along, across) in enumerate(links):
@@ -238,7 +253,9 @@ class AdaptiveLaw:
 
     def __init__(self, c: Adaptive, psi0):
         n = len(c.lower)
-        self.c, self.n, self.psi0 = c, n, psi0
+        self.c = c
+        self.n = n
+        self.psi0 = psi0
         self.Lambda, self.G1, self.G2, self.P = (
             _matrix(g, n) for g in (c.Lambda, c.G1, c.G2, c.P)
         )
@@ -255,8 +272,10 @@ class AdaptiveLaw:
     def unpack(self, a):
         """Splits the state into F_c, W1, Psi, W3."""
         i, j, k = self.cuts
-        n, N = self.n, self.N
-        W1, W3 = a[i:j].reshape(n, N), a[k:].reshape(n, N)
+        n = self.n
+        N = self.N
+        W1 = a[i:j].reshape(n, N)
+        W3 = a[k:].reshape(n, N)
         return a[:i], W1, a[j:k].reshape(n, n), W3
 
     def start(self):
@@ -359,11 +378,13 @@ class Result:
         self.start_state = start
 
     def _initial_psi(self, q):
-        psi0, n = self.task.controller.initial_psi, self.n
+        psi0 = self.task.controller.initial_psi
+        n = self.n
         if not isinstance(psi0, str):
             return _matrix(psi0, n)
         assert psi0 == "auto"
-        layer, axis = self.task.layer_at(self.p_start), self.task.axis
+        layer = self.task.layer_at(self.p_start)
+        axis = self.task.axis
         d_e = self.task.layers[layer].damping if layer >= 0 else 0.0
         D_e = d_e * np.outer(axis, axis)
         Lambda = _matrix(self.task.controller.Lambda, n)
@@ -372,7 +393,8 @@ class Result:
     def environment_force(self, layer, p, v):
         if layer < 0:
             return np.zeros(self.n)
-        law, axis = self.task.layers[layer], self.task.axis
+        law = self.task.layers[layer]
+        axis = self.task.axis
         along = law.stiffness * (axis @ p - law.reference) + law.damping * (axis @ v)
         if not law.lateral_stiffness:
             return along * axis
@@ -381,7 +403,8 @@ class Result:
 
     def command(self, t):
         """The operator's v_d and force at t; force None means the haptic device's."""
-        task, still = self.task, np.zeros(self.n)
+        task = self.task
+        still = np.zeros(self.n)
         if t < 0:
             return still, still
         v_d = np.array(task.velocity)
@@ -392,7 +415,8 @@ class Result:
         return v_d, (np.array(task.contact_force) if t < task.stop_time else still)
 
     def device_force(self, y):
-        n, (b1, b0) = self.n, self.task.numerator
+        n = self.n
+        (b1, b0) = self.task.numerator
         return b0 * y[2 * n : 3 * n] + b1 * y[3 * n : 4 * n]
 
     def piece_at(self, t, side):
@@ -435,7 +459,8 @@ class Result:
 
     def felt(self, t, p, v):
         """Tool position and velocity as the operator has them."""
-        sent, n = self.sent(t, 1), self.n
+        sent = self.sent(t, 1)
+        n = self.n
         if sent == t:
             return p, v
         if sent < 0:
@@ -447,7 +472,9 @@ class Result:
 
     def derivative(self, layer, v_d, v_d_received, force_received):
         """The right-hand side of one segment, in which these are constant."""
-        task, n, law = self.task, self.n, self.law
+        task = self.task
+        n = self.n
+        law = self.law
         _, a1, a0 = task.denominator
 
         def f(t, y):
@@ -486,7 +513,8 @@ class Result:
     def at(self, t, side="right"):
         """All signals at time t; at a jump the limit from the given side."""
         piece = self.piece_at(t, side)
-        n, y = self.n, piece.state(t)
+        n = self.n
+        y = piece.state(t)
         # The modes are constant on a piece, so its middle tells them on both sides.
         inside = (piece.start + piece.end) / 2
         p, v, F_e = self.motion(piece.layer, y)
@@ -514,9 +542,11 @@ class Result:
         """(time, value) of the largest sign * signal between t0 and t1, located."""
         assert t0 < t1
         signal = ("p_WT", "v_WT", "F_e").index(name)
-        best, best_time = -inf, t0
+        best = -inf
+        best_time = t0
         for piece in self.pieces:
-            a, b = max(piece.start, t0), min(piece.end, t1)
+            a = max(piece.start, t0)
+            b = min(piece.end, t1)
             if a >= b:
                 continue
 
@@ -552,8 +582,10 @@ class Result:
 
     def metrics(self):
         """The thesis's numbers along x; those of events that never came are absent."""
-        v_d, out = self.task.velocity[0], {}
-        puncture, contact = self.event("puncture"), self.event("contact")
+        v_d = self.task.velocity[0]
+        out = {}
+        puncture = self.event("puncture")
+        contact = self.event("contact")
         first = min([e.time for e in (puncture, contact) if e] + [self.end])
         over = self.maximum("v_WT", 0.0, first)[1] - v_d
         out["start_velocity_overshoot"] = max(over, 0.0)
@@ -583,7 +615,9 @@ class Packets(Result):
 
     def __init__(self, task, period, arrivals):
         super().__init__(task)
-        self.longest_step, self._period, self._arrivals = inf, period, arrivals
+        self.longest_step = inf
+        self._period = period
+        self._arrivals = arrivals
         times = {time for way in arrivals for time in way if time < inf}
         self.breakpoints = sorted(times | {k * period for k in range(len(arrivals[0]))})
         self._sent: tuple[list, list] = ([], [])
@@ -658,7 +692,8 @@ def solve(
         p, v, F_e = result.motion(before, y)
         result.events.append(Event(kind, t, p, v, F_e, result.motion(after, y)[2]))
 
-    t, y = 0.0, result.start_state
+    t = 0.0
+    y = result.start_state
     layer = task.layer_at(result.p_start)
     tiny = 1e-12  # Breakpoints closer than this are one.
     while t < duration - tiny:
@@ -682,7 +717,8 @@ def solve(
             assert solver.status != "failed", message
             piece, hit = _accept(solver, layer, monitors, task.robot)
             result.append(piece)
-            t, y = piece.end, piece.state(piece.end) if hit else solver.y
+            t = piece.end
+            y = piece.state(piece.end) if hit else solver.y
             if result.law is not None:
                 Psi = result.law.unpack(y[4 * n :])[2]
                 smallest = np.linalg.svd(Psi, compute_uv=False)[-1]
@@ -692,7 +728,8 @@ def solve(
                 return result
             if hit:
                 result.add_breakpoints(t, 1)
-                before, layer = layer, layer + (1 if hit == "up" else -1)
+                before = layer
+                layer = layer + (1 if hit == "up" else -1)
                 record(kind := _kind(task, before, layer), t, y, before, layer)
                 if kind == "contact" and result.perceives and isinf(result.perceived):
                     result.perceived = result.arrival(t, 1)
@@ -702,7 +739,8 @@ def solve(
 
 
 def _kind(task, before, after):
-    boundary, up = max(before, after), after > before
+    boundary = max(before, after)
+    up = after > before
     if boundary == task.contact_index():
         return "contact" if up else "release"
     if boundary == task.puncture_index():
@@ -723,8 +761,11 @@ def _monitors(task, layer, speed_limit):
 
 def _accept(solver, layer, monitors, robot):
     """The last step as a Piece, cut where the first monitor fires, and its name."""
-    t0, t1, n = solver.t_old, solver.t, robot.n
-    middle, half = (t0 + t1) / 2, (t1 - t0) / 2
+    t0 = solver.t_old
+    t1 = solver.t
+    n = robot.n
+    middle = (t0 + t1) / 2
+    half = (t1 - t0) / 2
     values = solver.dense_output()(middle + half * _NODES)
     piece = Piece(t0, t1, middle, half, _TO_COEFFICIENTS @ values.T, layer)
     motions = [robot.tool(y[:n], y[n : 2 * n]) for y in values.T]
@@ -756,12 +797,16 @@ def thesis_task(
     shared = {"P": 1.0, "adaptation_rate": 0.1, "leakage": 0.1, "minimum_psi": 0.1}
     shared |= {"Lambda": 1.0, "supervision": 1.0, "width": 1.0}
     if name == "one_dof":
-        robot, scale = Slider(start=0.0, mass=0.5, damping=0.1), (0.001,)
-        force, tissue_end, bone = (0.005,), 0.0075, 0.015
+        robot = Slider(start=0.0, mass=0.5, damping=0.1)
+        scale = (0.001,)
+        force = (0.005,)
+        tissue_end = 0.0075
+        bone = 0.015
         gains = {"G1": 2.0, "G2": 20.0, "initial_psi": 4.3}
         gains |= {"lower": (0.0,), "upper": (0.015,), "count": (5,)}
     else:
-        robot, scale = TwoLinkArm(start=(0.85, 0.0), elbow=elbow), (0.1, 0.0)
+        robot = TwoLinkArm(start=(0.85, 0.0), elbow=elbow)
+        scale = (0.1, 0.0)
         force, tissue_end, bone = {
             "two_dof_puncture": (None, 1.1, None),
             "two_dof_collision": ((0.2, 0.0), None, 1.0),

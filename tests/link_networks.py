@@ -43,8 +43,11 @@ class Network:
     """
 
     def __init__(self, *fates, offsets=(1, 1)):
-        self.now, self._fates, self._offsets = 0, fates, list(offsets)
-        self._queues, self._counts = ([], []), [0, 0]
+        self.now = 0
+        self._fates = fates
+        self._offsets = list(offsets)
+        self._queues = ([], [])
+        self._counts = [0, 0]
         self.lines = [], []
 
     def MakeSides(self, scenario, options=({}, {}), **both):

@@ -25,7 +25,8 @@ class BrakedForceLaw(LeafSystem):
         names = ["haptic_force", "velocity_command", "tool_position", "tool_velocity"]
         names.append("environment_force")
         ports = {name: self.DeclareVectorInputPort(name, num_axes) for name in names}
-        force, velocity = ports["haptic_force"], ports["tool_velocity"]
+        force = ports["haptic_force"]
+        velocity = ports["tool_velocity"]
         self.DeclareVectorOutputPort(
             "control_force",
             num_axes,
@@ -113,7 +114,8 @@ class Fading(LeafSystem):
         LeafSystem.__init__(self)
         n = velocity.size
         force = self.DeclareVectorInputPort("haptic_force", n)
-        time, nothing = {self.time_ticket()}, {self.nothing_ticket()}
+        time = {self.time_ticket()}
+        nothing = {self.nothing_ticket()}
         for name, size, compute, tickets in (
             ("velocity_command", n, lambda x: velocity * np.exp(-x.get_time()), time),
             ("force_command", n, force.Eval, {force.ticket()}),

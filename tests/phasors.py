@@ -16,7 +16,8 @@ def TerminatedPort(matrix, load):
 
 def Response(block, inputs, outputs, s):
     """Returns the transfer matrix between ports at s (rad/s), of what is 0 at 0."""
-    context, num_states = block.CreateDefaultContext(), block.num_continuous_states()
+    context = block.CreateDefaultContext()
+    num_states = block.num_continuous_states()
     for i in range(block.num_input_ports()):
         port = block.get_input_port(i)
         port.FixValue(context, np.zeros(port.size()))
@@ -45,8 +46,10 @@ def Response(block, inputs, outputs, s):
     ).T
     at_rest = Evaluate(np.zeros(num_states), np.zeros(num_inputs))
     assert np.abs(at_rest).max() == 0
-    A, B = columns[:num_states, :num_states], columns[:num_states, num_states:]
-    C, D = columns[num_states:, :num_states], columns[num_states:, num_states:]
+    A = columns[:num_states, :num_states]
+    B = columns[:num_states, num_states:]
+    C = columns[num_states:, :num_states]
+    D = columns[num_states:, num_states:]
     return C @ np.linalg.solve(s * np.eye(num_states) - A, B) + D
 
 
@@ -70,7 +73,8 @@ def FeltImpedance(master, slave, s, *, delays, robot, environment):
     )
     # The tool: v = (F_c - F_e) / robot, F_e = environment v, p = v / s.
     tool = np.array([1 / s, 1.0, environment]) / (robot + environment)
-    from_packet, from_tool = S[:, :m_f], S[:, m_f:] @ tool
+    from_packet = S[:, :m_f]
+    from_tool = S[:, m_f:] @ tool
     F_c = from_packet[0] / (1 - from_tool[0])
     returned = from_packet[1:] + np.outer(from_tool[1:], F_c)
     loop = np.exp(-s * sum(delays)) * returned

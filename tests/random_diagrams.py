@@ -30,8 +30,10 @@ from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.delays.variable import DelayProfile, Sinusoid, VariableDelay
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition, times
 
-N, END = 3, 1.0
-I, ZERO = np.eye(N), np.zeros((N, N))
+N = 3
+END = 1.0
+I = np.eye(N)
+ZERO = np.zeros((N, N))
 ROUGH = (Saturation,)
 TAKES_SMOOTH = TransportDelay, VariableDelay
 
@@ -50,7 +52,8 @@ def mixed(W, x, u):
 
 def Own(*inputs, mode=(), **kernel):
     """Returns a block with a kernel; its mode is a sign, a count, and a sample."""
-    sizes, state = dict.fromkeys(inputs, N), [0.5, -0.2, 0.1]
+    sizes = dict.fromkeys(inputs, N)
+    state = [0.5, -0.2, 0.1]
     state = state if kernel.get("rate") else ()
     kernel = Kernel(**kernel)
     block = FixedBlock("own", kernel, inputs=sizes, outputs={"y": N}, state=state)
@@ -160,7 +163,8 @@ class Random:
         Args:
             outer: The signals for its inputs. None of them is connected here.
         """
-        builder, rng = DiagramBuilder(), self._rng
+        builder = DiagramBuilder()
+        rng = self._rng
         waves = Sine(rng.normal(size=N), [3, 5, 7], rng.normal(size=N), True)
         signals = [(self._Add(builder, waves).get_output_port(0), False)]
         for i, (_, is_rough) in enumerate(outer):

@@ -102,7 +102,8 @@ class _Writer:
     """Writes expressions and statements of a depth at most."""
 
     def __init__(self, seed: int):
-        self._rng, self._helpers = np.random.default_rng(seed), []
+        self._rng = np.random.default_rng(seed)
+        self._helpers = []
 
     def Write(self, kind: str, depth: int = 0, indent: int = 1) -> str:
         """Returns the text of one expression, or lines of statements."""
@@ -154,7 +155,9 @@ class _Writer:
 
 def RandomLaw(seed: int):
     """Returns a law, and its text."""
-    text, name, names = _Writer(seed).Text(), f"<law {seed}>", dict(_NAMES)
+    text = _Writer(seed).Text()
+    name = f"<law {seed}>"
+    names = dict(_NAMES)
     linecache.cache[name] = len(text), None, text.splitlines(True), name
     exec(compile(text, name, "exec"), names)
     return names["law"], text

@@ -38,7 +38,9 @@ NETWORK = "two_dof_combined_network"
 REFERENCES[NETWORK] = "two_dof_combined", "adaptive_backstepping"
 
 # Of a signal's range; no sample is nearer to a jump, s.
-TUBE, MARGIN, NUM_TIMES = 1e-3, 2e-3, 200
+TUBE = 1e-3
+MARGIN = 2e-3
+NUM_TIMES = 200
 
 
 def write(path, name, columns, tubes=()):
@@ -100,7 +102,8 @@ def read_packets():
 def run(name):
     """Returns the solver's result."""
     task, kind = REFERENCES[name]
-    is_adaptive, duration = kind == "adaptive_backstepping", DURATIONS[task]
+    is_adaptive = kind == "adaptive_backstepping"
+    duration = DURATIONS[task]
     if name == NETWORK:
         make = functools.partial(oracle.Packets, period=PERIOD, arrivals=read_packets())
         return oracle.solve(oracle.thesis_task(task, True), duration, make=make)

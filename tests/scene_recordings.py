@@ -18,7 +18,8 @@ def MakeRecording(name="one_dof", kind="direct_force", duration=2.0):
     """The tool goes at SPEED along x; it is felt RETURN_DELAY later."""
     delay = {"return_channel.delay": RETURN_DELAY, "duration": duration}
     scenario = LoadScenario(name, {"controller.kind": kind, **delay})
-    t, start = np.linspace(0.0, duration, 101), scenario.robot.start
+    t = np.linspace(0.0, duration, 101)
+    start = scenario.robot.start
     along = np.eye(scenario.num_axes)[0]
     tool = start + SPEED * t[:, None] * along
     felt = start + SPEED * np.maximum(t - RETURN_DELAY, 0.0)[:, None] * along

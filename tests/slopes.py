@@ -24,7 +24,8 @@ def Ports(system: System, way: str) -> list:
 
 def Slopes(system: System) -> str:
     """Returns "yes", or why derivatives by AutoDiffXd are not those of differences."""
-    rng, context = np.random.default_rng(0), system.CreateDefaultContext()
+    rng = np.random.default_rng(0)
+    context = system.CreateDefaultContext()
     state = context.get_continuous_state_vector().CopyToVector()
     inputs = Ports(system, "input")
     x = np.concatenate([state, *(np.zeros(port.size()) for port in inputs)])
@@ -32,7 +33,8 @@ def Slopes(system: System) -> str:
     ends = np.cumsum([len(state), *(port.size() for port in inputs)])[:-1]
 
     def Evaluate(system: System, x: np.ndarray) -> np.ndarray:
-        context, (state, *values) = system.CreateDefaultContext(), np.split(x, ends)
+        context = system.CreateDefaultContext()
+        (state, *values) = np.split(x, ends)
         for port, value in zip(Ports(system, "input"), values, strict=True):
             port.FixValue(context, value)
         if len(state):

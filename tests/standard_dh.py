@@ -40,13 +40,17 @@ NEEDLE = 0.2
 
 def link_transform(i, q):
     """Frame i + 1 in frame i: Rot_z(q) Trans_z(d) Trans_x(a) Rot_x(alpha)."""
-    c, s, ca, sa = np.cos(q), np.sin(q), np.cos(ALPHA[i]), np.sin(ALPHA[i])
+    c = np.cos(q)
+    s = np.sin(q)
+    ca = np.cos(ALPHA[i])
+    sa = np.sin(ALPHA[i])
     R = np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0, sa, ca]])
     return R, np.array([A[i] * c, A[i] * s, D[i]])
 
 
 def tool_pose(q):
-    R, p = np.eye(3), np.zeros(3)
+    R = np.eye(3)
+    p = np.zeros(3)
     for i in range(6):
         R_i, p_i = link_transform(i, q[i])
         R, p = R @ R_i, p + R @ p_i
@@ -55,10 +59,14 @@ def tool_pose(q):
 
 def inverse_dynamics(q, v, v_dot, gravity=9.80665, has_motors=True):
     """The torques of the joints for accelerations, in N m, friction left out."""
-    w, w_dot = np.zeros(3), np.zeros(3)
+    w = np.zeros(3)
+    w_dot = np.zeros(3)
     a = np.array([0, 0, gravity])  # The base accelerates upward in place of gravity.
     z = np.array([0, 0, 1.0])
-    forces, moments, rotations, arms = [], [], [], []
+    forces = []
+    moments = []
+    rotations = []
+    arms = []
     for i in range(6):
         R, p = link_transform(i, q[i])
         w_dot = R.T @ (w_dot + z * v_dot[i] + np.cross(w, z * v[i]))
@@ -71,13 +79,16 @@ def inverse_dynamics(q, v, v_dot, gravity=9.80665, has_motors=True):
         moments.append(INERTIA[i] @ w_dot + np.cross(w, INERTIA[i] @ w))
         rotations.append(R)
         arms.append(arm)
-    f, n, tau = np.zeros(3), np.zeros(3), np.zeros(6)
+    f = np.zeros(3)
+    n = np.zeros(3)
+    tau = np.zeros(6)
     for i in reversed(range(6)):
         # About the origin of frame i - 1, in the axes of frame i.
         n = n + moments[i] + np.cross(arms[i] + CENTRE[i], forces[i])
         n += np.cross(arms[i], f)
         f = f + forces[i]
-        f, n = rotations[i] @ f, rotations[i] @ n
+        f = rotations[i] @ f
+        n = rotations[i] @ n
         tau[i] = n[2]
     return tau + has_motors * MOTOR * GEAR**2 * v_dot
 

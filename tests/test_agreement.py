@@ -80,7 +80,8 @@ def Compare(
     ):
         expected = [e.time for e in theirs.events if e.kind == theirs_name]
         assert ours.EventTimes(ours_name) == pytest.approx(expected, abs=1e-4)
-    metrics, expected = FlattenMetrics(RunMetrics(ours)), theirs.metrics()
+    metrics = FlattenMetrics(RunMetrics(ours))
+    expected = theirs.metrics()
     assert "start_velocity_overshoot" in metrics
     for name, key in METRICS.items():
         if name in metrics:

@@ -13,7 +13,8 @@ from grids import Slow
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import CONTROLLERS, LoadScenario
 
-ADAPTIVE, QUICK = "adaptive_backstepping", Options(quick=True)
+ADAPTIVE = "adaptive_backstepping"
+QUICK = Options(quick=True)
 
 
 @pytest.fixture(autouse=True)

@@ -62,7 +62,8 @@ FOLDERS = {
     *("architectures", "blocks", "delays", "environments"),
     *("operators", "robots", "systems"),
 }
-BEGIN, END = "<!-- tests/test_block_table.py writes this -->", "<!-- until here -->"
+BEGIN = "<!-- tests/test_block_table.py writes this -->"
+END = "<!-- until here -->"
 EXTRAS: dict = {
     "forward_channel": {"kind": "network", "delay": 0.1, "sample_period": 0.01},
     "return_channel.kind": "variable",
@@ -91,7 +92,8 @@ SCENES: list[tuple[str, dict]] = [
 
 def Primitives() -> Diagram:
     """Returns a diagram with the blocks and primitives that no scenario has."""
-    I, zero = np.eye(2), np.zeros((2, 2))
+    I = np.eye(2)
+    zero = np.zeros((2, 2))
     builder = DiagramBuilder()
     row = [
         drake.Sine([1.0, 0.5], [3.0, 5.0], [0.1, 0.2], True),
@@ -151,7 +153,8 @@ def Scenes() -> Iterator[tuple[str, Diagram, Callable[[], object]]]:
 
 def AssertRuns(diagram: Diagram) -> None:
     """Compares a diagram in a page with its native run."""
-    config, times = SimulatorConfig(max_step_size=0.01, accuracy=1e-9), np.arange(1, 5)
+    config = SimulatorConfig(max_step_size=0.01, accuracy=1e-9)
+    times = np.arange(1, 5)
     native = Compiled(diagram, config, times / 4, as_machine_code=True)
     assert (
         max(Errors(InWebAssembly(diagram, config, times / 4), native).values()) < 1e-6
@@ -160,7 +163,8 @@ def AssertRuns(diagram: Diagram) -> None:
 
 def Code(system: System) -> str:
     """Returns "yes", or why a block does not compile; it computes what Drake's does."""
-    rng, context = np.random.default_rng(0), system.CreateDefaultContext()
+    rng = np.random.default_rng(0)
+    context = system.CreateDefaultContext()
     context.SetAccuracy(1e-4)
     for port in Ports(system, "input"):
         port.FixValue(context, rng.uniform(0.1, 0.2, port.size()))
@@ -189,9 +193,11 @@ def Blocks() -> Rows:
         inside = {path: system for system, path in PathsIn(diagram)}
         in_page = InPage(run)
         for path, system in inside.items():
-            module, name = type(system).__module__, type(system).__name__
+            module = type(system).__module__
+            name = type(system).__name__
             if path == "robot" and name == "Diagram":
-                module, name = "teleop_drake.model.blocks.robots.base", robot
+                module = "teleop_drake.model.blocks.robots.base"
+                name = robot
             if name not in seen and not name.startswith("_"):
                 seen.add(name)
                 own = r"^teleop_drake\.(loops|model)\.(blocks\.(?=\w+\.))?"
@@ -222,7 +228,8 @@ OF_COMPARISONS = {np.logical_and: 6, np.logical_or: 6}
 
 def Functions() -> Rows:
     """Yields module and name of each function, with what it can do."""
-    builder, u = DiagramBuilder(), np.array([0.3, 0.6, 0.2, 0.7])
+    builder = DiagramBuilder()
+    u = np.array([0.3, 0.6, 0.2, 0.7])
     source = builder.AddNamedSystem("u", drake.ConstantVectorSource(u))
     rows = []
     for title, module in MODULES.items():
@@ -255,7 +262,8 @@ def OfFunction(function: Callable, u: np.ndarray) -> FixedBlock:
                 parts = result if are_many else [result]
                 return np.concatenate([np.ravel(part) * 1.0 for part in parts])
 
-            kernel, size = Kernel(outputs={"y": (law, "u")}), len(law(u))
+            kernel = Kernel(outputs={"y": (law, "u")})
+            size = len(law(u))
         except (TypeError, ValueError, IndexError, np.linalg.LinAlgError):
             continue  # Numpy takes something else.
         try:

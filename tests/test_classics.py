@@ -39,7 +39,8 @@ def AssertTold(*phrases):
 
 def OfSamples(m, b, T):
     """The exact map of [x, v] of a tool from one sample to the next: A x + G F."""
-    A, B = np.array([[0, 1], [0, -b / m]]), np.array([[0], [1 / m]])
+    A = np.array([[0, 1], [0, -b / m]])
+    B = np.array([[0], [1 / m]])
     A, G, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), T, "zoh")
     return A, G[:, 0]
 
@@ -53,9 +54,11 @@ def OfSamples(m, b, T):
 )
 def test_a_wall_shakes_beyond_the_published_condition(stiffness, damping):
     """At 1.1 times both, b > K T/2 + |B| does not hold; K counts in units of 2 b/T."""
-    b, T = sampled_wall.FRICTION, sampled_wall.PERIOD
+    b = sampled_wall.FRICTION
+    T = sampled_wall.PERIOD
     for share in (1.0, 1.12):
-        K, B = share * stiffness * 2 * b / T, share * damping * b
+        K = share * stiffness * 2 * b / T
+        B = share * damping * b
         assert sampled_wall.IsPassive(K, B) == (b > K * T / 2 + abs(B)) == (share == 1)
 
 
@@ -74,15 +77,21 @@ def test_the_friction_of_each_wiring(wiring):
 
 
 def test_a_sampled_loop_is_the_exact_map_of_its_samples():
-    K, B, T, b = 900.0, 0.3, 1e-3, 1.0
+    K = 900.0
+    B = 0.3
+    T = 1e-3
+    b = 1.0
     A, G = OfSamples(1.0, b, T)
     loop = sampled_wall.MakeSampledLoop(K=K, B=B, T=T, b=b)
     recording = sampled_wall.simulate(loop, duration=0.2)
-    x, last, expected = np.array([0.0, 1.0]), 0.0, []
+    x = np.array([0.0, 1.0])
+    last = 0.0
+    expected = []
     for _ in range(200):
         expected.append(x[0])
         force = -K * x[0] - B * (x[0] - last) / T
-        last, x = x[0], A @ x + G * force
+        last = x[0]
+        x = A @ x + G * force
     found = recording.Interpolate("position", T * np.arange(200))[:, 0]
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
@@ -159,11 +168,17 @@ def OnPaper(name, Z_m, Z_s, C_m, C_s, C1, C4, Z_e):
 
 @pytest.mark.parametrize("name", four_channels.SETTINGS)
 def test_the_felt_impedance(name):
-    s, w_c, m, c = 1j * W, four_channels.BANDWIDTH, 0.5, 0.1
-    Z, C = m * s + c, 2 * m * w_c + m * w_c**2 / s
+    s = 1j * W
+    w_c = four_channels.BANDWIDTH
+    m = 0.5
+    c = 0.1
+    Z = m * s + c
+    C = 2 * m * w_c + m * w_c**2 / s
     # The models in C1 and C4 are the dampings; only four channels know the tool's.
     B_s = 0.0 if name.startswith("position") else c
-    C1, C_m, C4 = B_s + C, C, -(c + C)
+    C1 = B_s + C
+    C_m = C
+    C4 = -(c + C)
     if name == "position-force":
         C_m = C4 = 0 * s
     felt, Z_e = four_channels.Felt(name, W)
@@ -222,9 +237,15 @@ def test_margins_at_a_lower_bandwidth(monkeypatch):
 
 def ByHand(largest_damping):
     """Positions and energies at the samples: the exact map, and the law on paper."""
-    m, b, T = passive_wall.MASS, passive_wall.FRICTION, passive_wall.PERIOD
+    m = passive_wall.MASS
+    b = passive_wall.FRICTION
+    T = passive_wall.PERIOD
     A, G = OfSamples(m, b, T)
-    x, last, force, energy, rows = np.array([passive_wall.START, 0.0]), None, 0, 0, []
+    x = np.array([passive_wall.START, 0.0])
+    last = None
+    force = 0
+    energy = 0
+    rows = []
     for _ in range(round(passive_wall.DURATION / T)):
         step = 0.0 if last is None else x[0] - last
         energy += force * step
@@ -232,7 +253,8 @@ def ByHand(largest_damping):
         if energy < 0 and step:
             force += min(-energy / step, largest_damping * step / T, key=abs)
         rows.append((x[0], energy))
-        last, x = x[0], A @ x + G * (passive_wall.PUSH - force)
+        last = x[0]
+        x = A @ x + G * (passive_wall.PUSH - force)
     return np.array(rows)
 
 
@@ -249,7 +271,9 @@ def test_passivity_control_by_hand(largest_damping):
 
 def test_what_a_held_force_gives_in_the_first_contact():
     """A held spring is one with the damper -K T/2: that much work in half a swing."""
-    K, T, m = passive_wall.STIFFNESS, passive_wall.PERIOD, passive_wall.MASS
+    K = passive_wall.STIFFNESS
+    T = passive_wall.PERIOD
+    m = passive_wall.MASS
     square = 2 * passive_wall.PUSH / m * -passive_wall.START
     expected = -K * T / 2 * square * math.pi / 2 * math.sqrt(m / K)
     run = passive_wall.Contact(0.0)
@@ -283,7 +307,8 @@ def test_the_bound_of_proportional_damping(margin):
     on_paper = proportional_damping.LlewellynOnPaper(margin, W)
     np.testing.assert_allclose(found, on_paper, rtol=1e-6)
     # mu (w T)^2/2 + cos w T is least where mu w T = sin w T.
-    B, c = proportional_damping.BRAKE, proportional_damping.FRICTION
+    B = proportional_damping.BRAKE
+    c = proportional_damping.FRICTION
     mu = margin * (B + c) / B
     x = 0.0 if mu >= 1 else brentq(lambda x: mu * x - math.sin(x), 0.1, 3)
     least = mu * x**2 / 2 + math.cos(x)
@@ -301,7 +326,8 @@ def test_the_bound_of_proportional_damping(margin):
 )
 def test_free_bodies_on_the_spring(margin, mass):
     """The root of (M s^2 + B s + K)^2 = K^2 e^(-s T): nothing else holds them."""
-    B, T = proportional_damping.BRAKE, proportional_damping.ROUND_TRIP
+    B = proportional_damping.BRAKE
+    T = proportional_damping.ROUND_TRIP
     K = proportional_damping.Stiffness(margin)
 
     def Residual(parts):
@@ -328,11 +354,16 @@ def PathOfMove(tau, y):
 
 def TimeOnPaper(round_trip, tolerance):
     """When the tool is seen at the goal, and the number of moves: see the operator."""
-    share, reaction, shortest = move_and_wait.SHARE, 0.2, 0.3
+    share = move_and_wait.SHARE
+    reaction = 0.2
+    shortest = 0.3
     rest_speed = 0.1 * tolerance * move_and_wait.WAY / reaction
-    begin, remaining, count = 0.0, move_and_wait.WAY, 0
+    begin = 0.0
+    remaining = move_and_wait.WAY
+    count = 0
     while True:
-        d, count = share * remaining, count + 1
+        d = share * remaining
+        count = count + 1
         duration = max(1.875 * d / move_and_wait.SPEED, shortest)
         after = remaining - tolerance * move_and_wait.WAY
         if after <= d:
@@ -384,7 +415,8 @@ def test_felt_stiffness(trip):
     on_paper = felt_stiffness.DirectOnPaper(trip)
     assert direct == pytest.approx(on_paper, rel=1e-8)
     # The whole line: b (Z_L + b tanh(s T/2))/(b + Z_L tanh(s T/2)) with s = j.
-    b, load = felt_stiffness.IMPEDANCE, 0.5j + 0.1 + 150 / 1j
+    b = felt_stiffness.IMPEDANCE
+    load = 0.5j + 0.1 + 150 / 1j
     tanh = 1j * math.tan(trip / 2)
     line = b * (load + b * tanh) / (b + load * tanh)
     waves = felt_stiffness.Felt("wave_variables", trip)

@@ -86,9 +86,12 @@ def test_stiffness_and_damping_change_with_the_material(task):
 
 def test_task_space_coriolis_matrix():
     rng = np.random.default_rng(1)
-    q, qdot = np.array([-0.9, 1.9]), rng.normal(size=2)
+    q = np.array([-0.9, 1.9])
+    qdot = rng.normal(size=2)
     qddot = rng.normal(size=2)
-    M, C, J = appendix_a.M(q), appendix_a.C(q, qdot), appendix_a.J(q)
+    M = appendix_a.M(q)
+    C = appendix_a.C(q, qdot)
+    J = appendix_a.J(q)
     J_dot = Derivative(appendix_a.J, q, qdot)
     J_inv = np.linalg.inv(J)
     C_r = J_inv.T @ (C - M @ J_inv @ J_dot) @ J_inv
@@ -103,7 +106,8 @@ def test_task_space_coriolis_matrix():
 
 
 def test_c21_as_printed_creates_energy():
-    q, qdot = np.array([-0.9, 1.9]), np.array([0.7, -1.3])
+    q = np.array([-0.9, 1.9])
+    qdot = np.array([0.7, -1.3])
     M_dot = Derivative(appendix_a.M, q, qdot)
     right = M_dot - 2 * appendix_a.C(q, qdot)
     printed = M_dot - 2 * appendix_a.C_as_printed(q, qdot)
@@ -123,8 +127,10 @@ def test_estimate_at_zero_joint_angles_is_singular():
 
 
 def test_elementwise_projection_does_not_keep_psi_invertible():
-    limit, rate = 0.1, np.array([[0.0, 1.0], [1.0, 0.0]])
-    Psi, target = np.array([[1.0, 0.2], [0.2, 1.0]]), np.ones((2, 2))
+    limit = 0.1
+    rate = np.array([[0.0, 1.0], [1.0, 0.0]])
+    Psi = np.array([[1.0, 0.2], [0.2, 1.0]])
+    target = np.ones((2, 2))
     for _ in range(80):
         # (5.53): an element below the limit may not fall. None is, none falls.
         update = np.where((limit > Psi) & (rate < 0), 0.0, rate)
@@ -158,7 +164,8 @@ def test_runs_stay_inside_the_residual_set(task):
     (4.40). Steps with a jump of s or F_e in them, and very short ones, are left out.
     """
     recording = Run(task, "adaptive_backstepping")
-    n, controller = recording.scenario.num_axes, recording.scenario.controller
+    n = recording.scenario.num_axes
+    controller = recording.scenario.controller
     h = np.diff(recording.time)
     layer = recording["environment_layer"][:, 0]
     kept = (h > 1e-4) & (np.diff(layer) == 0)
@@ -172,10 +179,12 @@ def test_runs_stay_inside_the_residual_set(task):
         weights = np.linalg.lstsq(weight * known, weight * rate, rcond=None)[0]
         return rate - known @ weights
 
-    F_e, s = recording["environment_force"], recording["auxiliary_error"]
+    F_e = recording["environment_force"]
+    s = recording["auxiliary_error"]
     Phi = Middle(BasisFunctions(recording))
     dF = Middle(recording["control_force"] - F_e)
-    delta_1, d_3 = Rest(np.hstack([dF, Phi]), s), Rest(Phi, F_e)
+    delta_1 = Rest(np.hstack([dF, Phi]), s)
+    d_3 = Rest(Phi, F_e)
     Psi = Middle(recording["psi"]).reshape(-1, n, n)
     # P is the identity, G1 and G2 are multiples of it.
     share = np.linalg.solve(Psi, controller.G1 * delta_1[:, :, np.newaxis])[:, :, 0]
@@ -192,7 +201,9 @@ def test_case_I_reaches_the_edge_of_the_workspace():
 
 
 def test_bound_as_printed_leaves_no_residual_set():
-    lam, delta, mu = 2.0, 0.7, np.linspace(1e-3, 3.0, 301)
+    lam = 2.0
+    delta = 0.7
+    mu = np.linspace(1e-3, 3.0, 301)
     right = -lam * (mu**2 - mu * delta / lam)
     printed = -lam * mu**2 - mu * delta / lam
     assert right == pytest.approx(-lam * mu**2 + mu * delta)

@@ -39,7 +39,8 @@ def linear_task(**changes):
 )
 def test_method_of_steps_reproduces_the_delayed_cosine(delays):
     """v'' = w^2 (v_d - v(t - T)) has a piecewise polynomial as its solution."""
-    T_f, T = delays[0], sum(delays)
+    T_f = delays[0]
+    T = sum(delays)
     result = solve(linear_task(forward_delay=T_f, return_delay=delays[1]), 2.0)
     for t in np.linspace(0.0, 2.0, 41):
         terms = [
@@ -54,7 +55,8 @@ def test_method_of_steps_reproduces_the_delayed_cosine(delays):
 
 def test_the_operators_stop_superposes_a_shifted_response(subtests):
     task = linear_task(forward_delay=0.13, return_delay=0.217)
-    steps, stopped = solve(task, 2.0), solve(replace(task, stop_time=0.7341), 2.0)
+    steps = solve(task, 2.0)
+    stopped = solve(replace(task, stop_time=0.7341), 2.0)
     for t in (0.7341, 0.8, 0.9, 1.3, 2.0):
         with subtests.test(t=t):
             late = steps.at(t - 0.7341)["v_WT"]
@@ -74,7 +76,9 @@ def test_without_delay_the_loop_is_a_matrix_exponential(subtests):
     A[0, 1] = 1
     A[1, :4] = np.array([-0.01, -0.1 - 0.5, 50, 25]) / 0.5
     A[2, 3] = 1
-    A[3, 1], A[3, 3], A[3, 4] = -1, -25, 0.001
+    A[3, 1] = -1
+    A[3, 3] = -25
+    A[3, 4] = 0.001
     for t in (0.01, 0.3, 2.0, 5.0):
         with subtests.test(t=t):
             state = expm(A * t) @ [0, 0, 0, 0, 1]
@@ -88,7 +92,12 @@ def test_without_delay_the_loop_is_a_matrix_exponential(subtests):
 
 def test_undamped_spring_hit_and_every_event_on_the_way():
     """A spring throws the slider through free space against another spring."""
-    k0, r0, b, k, bone, m = 0.3, 0.02, 0.015, 150.0, 0.05, 0.5
+    k0 = 0.3
+    r0 = 0.02
+    b = 0.015
+    k = 150.0
+    bone = 0.05
+    m = 0.5
     layers = (
         Layer(start=-inf, stiffness=k0, damping=0.0, reference=r0),
         Layer(start=b, stiffness=0.0, damping=0.0, reference=0.0),
@@ -126,7 +135,8 @@ def test_the_operator_switches_when_the_contact_has_come_back(delays):
     task = thesis_task("one_dof", False, delays=delays)
     layers = tuple(replace(a, start=a.start / 10) for a in task.layers)
     result = solve(replace(task, layers=layers), 4.0)
-    contact, switch = result.event("contact"), result.event("switch")
+    contact = result.event("contact")
+    switch = result.event("switch")
     assert switch.time == pytest.approx(contact.time + delays[1], abs=1e-12)
     assert result.at(switch.time)["p_felt"][0] == pytest.approx(0.0015, abs=1e-12)
     assert result.at(switch.time, "left")["v_d"] == 0.001
@@ -140,7 +150,9 @@ def test_the_operator_switches_when_the_contact_has_come_back(delays):
 
 def test_an_operator_who_starts_in_contact_presses_at_once(subtests):
     """x = F / k (1 - cos w t) once the force has arrived."""
-    k, F, m = 150.0, 0.005, 0.5
+    k = 150.0
+    F = 0.005
+    m = 0.5
     wall = Layer(start=0.0, stiffness=k, damping=0.0, reference=0.0)
     task = linear_task(layers=(FREE, wall), contact_force=(F,), forward_delay=0.1)
     result = solve(replace(task, stop_time=0.4), 0.8)

@@ -186,7 +186,8 @@ def test_is_committed_clean(path):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_is_a_story_with_the_public_api(path):
     notebook = Read(path)
-    first, last = notebook.cells[0], notebook.cells[-1]
+    first = notebook.cells[0]
+    last = notebook.cells[-1]
     assert first.cell_type == last.cell_type == "markdown"
     assert first.source.startswith("# ")
     assert "to run" in first.source

@@ -160,7 +160,8 @@ def test_systems_in_the_operators_hand():
             numerator=device.numerator, denominator=device.denominator, num_axes=1
         ),
     )
-    mine, expected = simulate(scenario, teleoperator=own), simulate(scenario)
+    mine = simulate(scenario, teleoperator=own)
+    expected = simulate(scenario)
     np.testing.assert_array_equal(mine["tool_velocity"], expected["tool_velocity"])
     assert mine.has_constant_command
     # One that does not tell what it commands is measured by what arrives.

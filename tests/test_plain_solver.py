@@ -9,7 +9,9 @@ from scipy.integrate import RK45
 # Section 4.2.
 PRINTED = np.array([7.78e-3, 0.0113, -0.72e-3])
 CONVERGED = np.array([8.657e-3, 15.74e-3, -1.229e-3])
-V_D, SURFACE, DELAY = 1e-3, 0.015, 0.1
+V_D = 1e-3
+SURFACE = 0.015
+DELAY = 0.1
 
 
 def force_at(x, v):
@@ -23,7 +25,11 @@ def solve_plainly(tolerance, max_step, end=18.0):
     Nothing is located; delays are interpolated linearly between the steps, and the
     operator switches to 5 mN at the first step after contact is felt.
     """
-    time, xs, vs, F_hs, holds = [0.0], [0.0], [0.0], [0.0], False
+    time = [0.0]
+    xs = [0.0]
+    vs = [0.0]
+    F_hs = [0.0]
+    holds = False
 
     def late(log, t):
         if t <= DELAY or len(time) == 1:

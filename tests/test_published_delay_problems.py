@@ -23,7 +23,8 @@ from teleop_drake.model.run.simulate import simulate
 
 def MakeDiagram(law, lags, start, history):
     """Returns x' = law(x, the x(t - T) of lags T one behind another)."""
-    builder, n = DiagramBuilder(), len(start)
+    builder = DiagramBuilder()
+    n = len(start)
     size = n * len(lags)
     late = [(f"late_{i}", 0, n) for i in range(len(lags))]
     inputs = {"x": n} | {name: n for name, *_ in late}
@@ -65,7 +66,8 @@ def Run(law, lags, start, history, duration, engine, accuracy, max_step):
 
 
 def Linear(a, terms, history, *rest):
-    lags, gains = [T for _, T in terms], np.array([b for b, _ in terms])
+    lags = [T for _, T in terms]
+    gains = np.array([b for b, _ in terms])
     return Run(lambda x, late: a * x + gains @ late, lags, [1.0], [history], *rest)
 
 
@@ -80,7 +82,8 @@ def Response(a, terms, t, order=0):
     result = np.zeros_like(t)
     for j in range(math.ceil(t.max() / T) + 1):
         for k in range(math.ceil(t.max() / S) + 1):
-            gone, n = t - (j * T + (k * S if k else 0.0)), j + k
+            gone = t - (j * T + (k * S if k else 0.0))
+            n = j + k
             x = np.where(gone >= 0, gone, 0.0) ** (n + order) * np.exp(a * gone)
             scale = math.comb(n, k) * b**j * c**k / math.factorial(n + order)
             result += np.where(gone >= 0, scale * x, 0.0)
@@ -133,7 +136,8 @@ def test_the_order_of_the_method_holds_across_echoes(history):
 
     In machine code. Drake's Simulator ends no step at an echo that bends a signal only.
     """
-    problem, errors = (0.0, [(-9.0, 0.21)], history), []
+    problem = (0.0, [(-9.0, 0.21)], history)
+    errors = []
     for step in (0.07, 0.035, 0.0175):
         # Error control accepts every step: all but the first are the longest.
         run = Linear(*problem, 1.9, "compiled", 0.1, step)
@@ -163,7 +167,8 @@ NONLINEAR = {
 
 def BySteps(law, T, history, times):
     """Returns x at times by the method of steps: DOP853, an interval of T at a time."""
-    pieces, x = [lambda t: np.array(history)], history
+    pieces = [lambda t: np.array(history)]
+    x = history
     for k in range(math.ceil(times[-1] / T)):
         solution = solve_ivp(
             lambda t, y, late=pieces[-1]: law(y, late(t - T)),
@@ -230,7 +235,8 @@ def test_a_delay_that_grows_as_time_does(engine):
     run = simulate(builder.Build(), duration=end, engine=engine)
     assert run.solver.engine == engine
     t = run.time
-    first, second = 2 * math.log(2), 2 * math.log(6)
+    first = 2 * math.log(2)
+    second = 2 * math.log(6)
     scale = np.where(t < first, 2.0, np.where(t < second, -6.0, 66.0))
     level = np.where((t < first) | (t >= second), -1.0, 1.0)
     exact = scale * np.exp(-t) + level

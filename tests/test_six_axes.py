@@ -44,7 +44,8 @@ from teleop_drake.study.analysis.operating_point import OperatingPoint
 from teleop_drake.study.analysis.stability import AnalyzeStability
 
 MODEL = Path(teleop_drake.__file__).parent / "model/models" / "puma560.sdf"
-START, DELAY = [0.6, -0.15, 0.4, 0.3, -0.2, 0.25], 0.05
+START = [0.6, -0.15, 0.4, 0.3, -0.2, 0.25]
+DELAY = 0.05
 TWIST = [0.08, 0.01, -0.02, 0.1, 0.25, -0.15]
 
 
@@ -63,9 +64,11 @@ class Arm:
         self.R_PW = self.motion(np.append(posture, np.zeros(6)))[1].inv()
 
     def motion(self, x):
-        plant, context = self.plant, self.context
+        plant = self.plant
+        context = self.context
         plant.SetPositionsAndVelocities(context, x)
-        pose, world = plant.EvalBodyPoseInWorld(context, self.tool), plant.world_frame()
+        pose = plant.EvalBodyPoseInWorld(context, self.tool)
+        world = plant.world_frame()
         J = plant.CalcJacobianSpatialVelocity(
             context, JacobianWrtVariable.kV, self.tool.body_frame(), np.zeros(3), world,
             world,
@@ -89,12 +92,14 @@ class Tissue:
     """A potential of the pose of a needle along x, and a drag, by quadrature."""
 
     def __init__(self, c):
-        self.entry, self.c = np.array([c.start, *START[1:3]]), c
+        self.entry = np.array([c.start, *START[1:3]])
+        self.c = c
         self.nodes, self.weights = np.polynomial.legendre.leggauss(6)
 
     def needle(self, p, turn):
         """Depths along the needle, their weights, and its points from the tip."""
-        depth, u = p[0] - self.entry[0], turn.apply([1.0, 0, 0])
+        depth = p[0] - self.entry[0]
+        u = turn.apply([1.0, 0, 0])
         xi = depth * (1 + self.nodes) / 2
         return xi, depth / 2 * self.weights, np.outer((xi - depth) / u[0], u)
 
@@ -126,9 +131,12 @@ class Adaptive:
         self.robust = robust
         x, y = (z.ravel() for z in np.meshgrid([0, 1], [0, 1], indexing="ij"))
         share = np.full((4, 6), 0.5)
-        share[:, 0], share[:, 4] = x, y
+        share[:, 0] = x
+        share[:, 4] = y
         self.widths = c.network.upper - c.network.lower
-        self.centres, self.c, self.psi_0 = c.network.lower + share * self.widths, c, psi
+        self.centres = c.network.lower + share * self.widths
+        self.c = c
+        self.psi_0 = psi
         self.start = np.concatenate([np.zeros(30), psi.ravel(), np.zeros(24)])
 
     def basis(self, p, turn):
@@ -136,12 +144,18 @@ class Adaptive:
         return np.exp(-(((r - self.centres) / self.widths) ** 2).sum(axis=1))
 
     def rate(self, x, p, turn, v, F_e, F_hd, v_dd, h=1e-6):
-        c, (F_c, W1, psi, W3) = self.c, np.split(x, [6, 30, 66])
-        W1, psi, W3 = W1.reshape(6, 4), psi.reshape(6, 6), W3.reshape(6, 4)
-        Phi, G1, nu = self.basis(p, turn), c.G1, c.leakage
+        c = self.c
+        (F_c, W1, psi, W3) = np.split(x, [6, 30, 66])
+        W1 = W1.reshape(6, 4)
+        psi = psi.reshape(6, 6)
+        W3 = W3.reshape(6, 4)
+        Phi = self.basis(p, turn)
+        G1 = c.G1
+        nu = c.leakage
         ends = [self.basis(p + s * v[:3], turn_by(s * v[3:]) * turn) for s in (h, -h)]
         Phi_dot = (ends[0] - ends[1]) / (2 * h)
-        s, inverse = v - v_dd + c.Lambda @ (F_e - F_hd), np.linalg.inv(psi)
+        s = v - v_dd + c.Lambda @ (F_e - F_hd)
+        inverse = np.linalg.inv(psi)
         y1 = W1 @ Phi
         z = F_c - F_e + inverse @ (y1 + G1 * s)
         g = c.P @ s + G1 * inverse.T @ z
@@ -163,14 +177,18 @@ class Springs:
     def __init__(self, c):
         zeros = np.zeros(6)
         self.start = np.concatenate([START[:3], turn_by(START[3:]).as_quat(), zeros])
-        self.M, self.B, self.K = c.master_mass, c.master_damping, c.stiffness
+        self.M = c.master_mass
+        self.B = c.master_damping
+        self.K = c.stiffness
 
     def pull(self, handle, p, turn):
         turned = Rotation.from_quat(handle[3:7]) * turn.inv()
         return self.K @ np.append(handle[:3] - p, turned.as_rotvec())
 
     def rate(self, handle, F_h, p, turn):
-        q, v, w = handle[3:7], handle[7:], handle[10:]
+        q = handle[3:7]
+        v = handle[7:]
+        w = handle[10:]
         q_dot = np.append(q[3] * w + np.cross(w, q[:3]), -w @ q[:3]) / 2
         F = F_h - self.pull(handle, p, turn) - self.B @ v
         return np.concatenate([v[:3], q_dot, np.linalg.solve(self.M, F)])
@@ -178,12 +196,15 @@ class Springs:
 
 def solve_by_hand(scenario, law):
     """Returns the tool's [p; theta; v; F_e] as a function of time."""
-    arm, tissue = Arm(scenario.robot.posture), Tissue(scenario.environment)
-    scale, pieces = 10 * np.repeat([1, 0.2**2], 3), []
+    arm = Arm(scenario.robot.posture)
+    tissue = Tissue(scenario.environment)
+    scale = 10 * np.repeat([1, 0.2**2], 3)
+    pieces = []
 
     def tool(x):
         p, R, J = arm.motion(x[:12])
-        v, turn = J @ x[6:12], R * arm.R_PW
+        v = J @ x[6:12]
+        turn = R * arm.R_PW
         return p, turn, v, tissue.wrench(p, turn, v), J
 
     def rate(t, x):
@@ -192,12 +213,15 @@ def solve_by_hand(scenario, law):
         F_h, F_hd = (scale * (50 * z[12:18] + 25 * z[18:24]) for z in (x, late))
         p_late, turn_late, felt, *_ = tool(late)
         p, turn, v, F_e, J = tool(x)
-        F_c, own = F_hd, []
+        F_c = F_hd
+        own = []
         if isinstance(law, Springs):
-            F_c, felt = law.pull(late[24:], p, turn) - law.B @ v, x[31:]
+            F_c = law.pull(late[24:], p, turn) - law.B @ v
+            felt = x[31:]
             own = law.rate(x[24:], F_h, p_late, turn_late)
         elif law:
-            F_c, own = x[24:30], law.rate(x[24:], p, turn, v, F_e, F_hd, v_dd)
+            F_c = x[24:30]
+            own = law.rate(x[24:], p, turn, v, F_e, F_hd, v_dd)
         a = arm.accelerations(F_c - F_e, J)
         hand = np.append(x[18:24], TWIST - felt - 25 * x[18:24])
         return np.concatenate([x[6:12], a, hand, own])
@@ -249,13 +273,15 @@ LOOPS = [
 def test_the_loop_by_hand(kind, duration, engine):
     bounds = {"force_rate_bound": 5.0, "force_width": 0.1}
     scenario = short(kind, duration=duration, **{"controller.robust": bounds})
-    c, law = scenario.controller, None
+    c = scenario.controller
+    law = None
     if kind == "proportional_damping":
         law = Springs(c.proportional_damping)
     elif kind != "direct_force":
         robust = (5.0, 0.1) if kind == "robust_backstepping" else (0.0, 1.0)
         law = Adaptive(c, scenario.initial_psi, robust)
-    seen, recording = solve_by_hand(scenario, law), simulate(scenario, engine=engine)
+    seen = solve_by_hand(scenario, law)
+    recording = simulate(scenario, engine=engine)
     times = np.linspace(0.0, 0.99 * duration, 21)
     expected = np.array([seen(t) for t in times])
     names = ("tool_position", "tool_velocity", "environment_force")
@@ -300,7 +326,8 @@ SAME = {
 @pytest.mark.mostly_slow
 @pytest.mark.parametrize("why", SAME)
 def test_architectures_that_are_the_same_here(why):
-    runs, times = [run(**own) for own in SAME[why]], np.linspace(0, 0.3, 31)
+    runs = [run(**own) for own in SAME[why]]
+    times = np.linspace(0, 0.3, 31)
     for name in ("tool_position", "tool_velocity"):
         found, expected = (x.Interpolate(name, times) for x in runs)
         moved = np.abs(expected - expected[0]).max(axis=0)
@@ -319,7 +346,8 @@ def test_passivity_control_bounds_the_energy_of_each_axis():
 
 def test_the_model_of_a_predictor_has_the_momentum_of_its_forces():
     """And is felt at once, and taken back a round trip later."""
-    smith, t = run("smith_predictor", 0.4), np.linspace(0, 0.4, 4001)
+    smith = run("smith_predictor", 0.4)
+    t = np.linspace(0, 0.4, 4001)
     names = "forward_packet_sent", "model_velocity", "felt_velocity"
     F_h, v, felt = (smith.Interpolate(name, t) for name in names)
     momentum = np.trapezoid(F_h[:, :6], t, axis=0)
@@ -331,8 +359,10 @@ def test_the_model_of_a_predictor_has_the_momentum_of_its_forces():
 
 def test_the_delay_margin_of_a_loop_whose_inertia_has_axes():
     """M dv/dt = F_h(t - T): each eigenvalue of M^-1 and the device is a loop."""
-    scenario, scale = short("direct_force"), np.repeat([1, 0.2**2], 3)
-    mobility, margins = Arm(scenario.robot.posture).mobility(scenario), []
+    scenario = short("direct_force")
+    scale = np.repeat([1, 0.2**2], 3)
+    mobility = Arm(scenario.robot.posture).mobility(scenario)
+    margins = []
     for x in np.linalg.eigvals(mobility * scale):
         # |x (250 j w + 500)| = w^2 |j w + 25|
         squares = np.roots([1, 625, -((250 * x) ** 2), -((500 * x) ** 2)])
@@ -345,10 +375,13 @@ def test_the_delay_margin_of_a_loop_whose_inertia_has_axes():
 
 def test_rotation_vectors():
     """Against scipy's, at no rotation, near it and far from it."""
-    rng, u, h = np.random.default_rng(0), np.array([0.3, -0.5, 0.8]), 1e-6
+    rng = np.random.default_rng(0)
+    u = np.array([0.3, -0.5, 0.8])
+    h = 1e-6
     for angle in (0.0, 1e-9, 1e-4, 0.5, 3.0):
         theta = angle * (axis := rng.normal(size=3)) / np.linalg.norm(axis)
-        turn, v = turn_by(theta), rng.normal(size=6)
+        turn = turn_by(theta)
+        v = rng.normal(size=6)
         found = rotation_vector(turn.as_matrix())
         np.testing.assert_allclose(found, theta, rtol=1e-12, atol=1e-15)
         np.testing.assert_allclose(rotated(theta, u), turn.apply(u), atol=1e-14)
@@ -366,11 +399,13 @@ def test_rotation_vectors():
 
 def test_the_tissue_has_an_energy():
     """The wrench is the slope of an energy, and a drag, wherever the needle is."""
-    scenario, rng = short("direct_force"), np.random.default_rng(1)
+    scenario = short("direct_force")
+    rng = np.random.default_rng(1)
     tissue = Tissue(scenario.environment)
     dut = NeedleInTissue(scenario.environment, START)
     for depth in (-0.01, 0.02, 0.1):
-        r, v = np.append(tissue.entry, 0.2 * rng.normal(size=3)), rng.normal(size=6)
+        r = np.append(tissue.entry, 0.2 * rng.normal(size=3))
+        v = rng.normal(size=6)
         r[:3] += [depth, *rng.normal(scale=0.01, size=2)]
         expected = tissue.wrench(r[:3], turn_by(r[3:]), v, h=1e-4)
         np.testing.assert_allclose(ForceAt(dut, r, v), expected, rtol=1e-5, atol=1e-6)
@@ -383,7 +418,8 @@ def needle_task(tmp_path_factory):
     The tip is commanded alike by both: the second is the first, recorded, with the
     angular velocity left out.
     """
-    name, file = "puma560_six_axes", tmp_path_factory.mktemp("hand") / "hand.csv"
+    name = "puma560_six_axes"
+    file = tmp_path_factory.mktemp("hand") / "hand.csv"
     turning = simulate(LoadScenario(name, {"controller.kind": "direct_force"}))
     times = np.linspace(0, turning.time[-1], 321)
     twists = turning.Interpolate("forward_packet_sent", times)[:, 6:]
@@ -403,7 +439,8 @@ def needle_task(tmp_path_factory):
 def needle_error(scenario, r):
     """The rms distance of the needle from the path, by quadrature, m."""
     entry = np.array([scenario.environment.start, *scenario.robot.start[1:3]])
-    depth, u = r[0] - entry[0], turn_by(r[3:]).apply([1.0, 0, 0])
+    depth = r[0] - entry[0]
+    u = turn_by(r[3:]).apply([1.0, 0, 0])
     if depth <= 0:
         return 0.0
     xi = np.linspace(0, depth, 201)
@@ -440,7 +477,8 @@ def test_the_run_ends_after_the_path():
 
 
 def test_path_error_is_the_quadrature(subtests):
-    scenario, rng = LoadScenario("puma560_six_axes"), np.random.default_rng(2)
+    scenario = LoadScenario("puma560_six_axes")
+    rng = np.random.default_rng(2)
     path = scenario.environment.Path(scenario.robot.start)
     for depth in (-0.01, 0.02, 0.1):
         with subtests.test(depth=depth):
@@ -478,7 +516,8 @@ def test_the_linear_model_knows_that_a_rotation_vector_is_no_integral():
     """dtheta/dt of small deviations from a turn, with an angular velocity."""
     point = OperatingPoint(name="x", position=np.array(START), velocity=np.array(TWIST))
     A = Linearizer(short("direct_force")).Loop(point).system.A
-    x, h = np.append(START, TWIST), 1e-6
+    x = np.append(START, TWIST)
+    h = 1e-6
     steps = [(h * e, -h * e) for e in np.eye(12)]
     ends = [[position_rate(*np.split(x + dx, 2)) for dx in pair] for pair in steps]
     expected = -np.diff(ends, axis=1)[:, 0].T / (2 * h)

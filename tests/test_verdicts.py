@@ -153,10 +153,12 @@ COULOMB = np.array(
 
 def friction_at_the_tip(scenario):
     """Coulomb and viscous friction at the tip along the needle, from their power, N."""
-    plant, robot = scenario.robot.LoadPlant(), scenario.robot
+    plant = scenario.robot.LoadPlant()
+    robot = scenario.robot
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, robot.JointPositions(robot.start))
-    world, tool = plant.world_frame(), plant.GetFrameByName("tool")
+    world = plant.world_frame()
+    tool = plant.GetFrameByName("tool")
     J = plant.CalcJacobianSpatialVelocity(
         context, JacobianWrtVariable.kV, tool, np.zeros(3), world, world
     )

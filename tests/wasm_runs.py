@@ -32,7 +32,8 @@ class Instance:
     def __init__(self, model: Model):
         self._store = wasmtime.Store()
         module = wasmtime.Module(self._store.engine, model.Module())
-        linker, self._end = wasmtime.Linker(self._store.engine), 0
+        linker = wasmtime.Linker(self._store.engine)
+        self._end = 0
         double = wasmtime.ValType.f64()
         for needed in module.imports:
             kind = needed.type
@@ -68,7 +69,8 @@ class Instance:
             self._Write(self._headers[-1], np.array(header, np.int64))
 
     def _Allocate(self, size: int) -> int:
-        place, self._end = self._end, self._end + size
+        place = self._end
+        self._end = self._end + size
         missing = self._end - self._memory.data_len(self._store)
         if missing > 0:
             self._memory.grow(self._store, -(-missing // 65536))

@@ -18,7 +18,8 @@ from teleop_drake.study.sweep import FlattenMetrics
 def AssertSame(scenario, model=None, instants=1e-9):
     """Compares jumps, metrics, and signals between the rows of both runs."""
     model = model or ModelOf(scenario)
-    native, instance = simulate(scenario, engine="compiled"), Instance(model)
+    native = simulate(scenario, engine="compiled")
+    instance = Instance(model)
     # At a bound the page's script ends a run; see test_page.py. The native run is cut
     # within a step, so the module takes the same step, and is cut there.
     end = native.time[-1]
@@ -29,7 +30,8 @@ def AssertSame(scenario, model=None, instants=1e-9):
     assert times[-1] == pytest.approx(native.time[-1], rel=0, abs=instants)
     jumps, native_jumps = (t[1:][np.diff(t) == 0] for t in (times, native.time))
     assert jumps == pytest.approx(native_jumps, rel=0, abs=instants)
-    ports, looked = model.Ports(), np.linspace(0.0, times[-1], 400)
+    ports = model.Ports()
+    looked = np.linspace(0.0, times[-1], 400)
     signals = {}
     for name, port in model.Signals().items():
         begin, size, _ = ports[port]

@@ -39,7 +39,8 @@ def ChannelOracle(scenario: Scenario) -> Result:
     Both channels have the same configuration, of kind variable, sampled or network
     (receiver newest).
     """
-    channel, duration = scenario.forward_channel, scenario.duration
+    channel = scenario.forward_channel
+    duration = scenario.duration
     if channel.kind == "variable":
         make = partial(_Variable, wave=channel.sinusoid)
     else:

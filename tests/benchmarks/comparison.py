@@ -9,7 +9,8 @@ from benchmarks.measuring import Alternate, Options, Table
 
 # Largest error, relative to the signal's range, by the task.
 TARGETS = {"one_dof": 1e-5, "two_dof_combined": 1e-4}
-CONTROLLER, DELAY = "adaptive_backstepping", 0.1
+CONTROLLER = "adaptive_backstepping"
+DELAY = 0.1
 
 
 def Measure(options: Options) -> Iterator[Table]:
@@ -17,7 +18,8 @@ def Measure(options: Options) -> Iterator[Table]:
         duration = options.Duration(Load(task, CONTROLLER, DELAY))
         case = (task, CONTROLLER, DELAY, duration)
         oracle = accuracy.Oracle(*case)
-        preparation, names = {}, [name for name in CONTENDERS if name != PEER]
+        preparation = {}
+        names = [name for name in CONTENDERS if name != PEER]
         if options.peers:
             from benchmarks import jitcdde_peer
 

@@ -28,7 +28,8 @@ from teleop_drake import Compile
 FIGURE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "work_precision.png"
 LIMIT = "Paul 1.1.1, at the limit of stability"
 # Behind its jumps' third echo all of them are compared, at so many times.
-ECHOES, NUM_TIMES = 3, 40
+ECHOES = 3
+NUM_TIMES = 40
 # For so long calls are repeated, s; times the number of repeats.
 _LEAST_TIME = 0.05
 
@@ -45,7 +46,8 @@ PROBLEMS = {LIMIT: (limit, 1.0, [1.0], LINEAR[LIMIT][-1]), **NONLINEAR}
 class Package:
     """Compile() of a diagram, once for each accuracy, and Run() of that."""
 
-    name, style = "teleop-drake, compiled", ("#0072B2", "o")
+    name = "teleop-drake, compiled"
+    style = ("#0072B2", "o")
     settings = tuple(10.0**-k for k in range(3, 13))
 
     def __init__(self, law, T, history):
@@ -65,14 +67,17 @@ class Package:
 class Jitcdde:
     """JiTCDDE, stepping on what becomes of the jump at the start."""
 
-    name, style = "JiTCDDE", ("#D55E00", "s")
+    name = "JiTCDDE"
+    style = ("#D55E00", "s")
     settings = tuple(10.0**-k for k in range(3, 11))
 
     def __init__(self, law, T, history):
         from jitcdde import jitcdde, t, y
 
-        self._T, self._history = T, history
-        n, times = len(history), ((), (t - T,))
+        self._T = T
+        self._history = history
+        n = len(history)
+        times = ((), (t - T,))
         now, late = (np.array([y(i, *at) for i in range(n)], object) for at in times)
         self._dde = jitcdde(list(law(now, late)), delays=[0, T], verbose=False)
         # Away from any pyproject.toml, which its build would read.
@@ -97,11 +102,14 @@ class PathSim:
     The Delay interpolates straight lines, so the longest step decides.
     """
 
-    name, style = "PathSim, RKDP54", ("#009E73", "^")
+    name = "PathSim, RKDP54"
+    style = ("#009E73", "^")
     settings = (1 / 10, 1 / 30, 1 / 100, 1 / 300, 1 / 1000)
 
     def __init__(self, law, T, history):
-        self._law, self._T, self._history = law, T, np.array(history)
+        self._law = law
+        self._T = T
+        self._history = np.array(history)
 
     def __call__(self, setting: float, times: np.ndarray) -> np.ndarray:
         from pathsim import Connection, Simulation
@@ -110,7 +118,8 @@ class PathSim:
 
         h = self._history
         plant = ODE(lambda x, u, t: np.ravel(self._law(x + h, u + h)), 0 * h)
-        delay, n = Delay(self._T), len(h)
+        delay = Delay(self._T)
+        n = len(h)
         loop = [Connection(plant[:n], delay[:n]), Connection(delay[:n], plant[:n])]
         step = setting * self._T
         simulation = Simulation(
@@ -123,7 +132,8 @@ class PathSim:
             tolerance_lte_rel=1e-8,
             log=False,
         )
-        rows, now = [], 0.0
+        rows = []
+        now = 0.0
         for t in times:
             simulation.run(t - now, reset=False)
             now = simulation.time
@@ -147,7 +157,8 @@ def Measure(options: Options) -> Iterator[Table]:
     for name in list(PROBLEMS)[: 1 if options.quick else None]:
         law, T, history, end = PROBLEMS[name]
         times = np.linspace(ECHOES * T, end, NUM_TIMES + 2)[1:-1]
-        expected, rows = Reference(name, times), []
+        expected = Reference(name, times)
+        rows = []
         for kind in [Package, *peers]:
             solve = kind(law, T, history)
             for setting in kind.settings[: 3 if options.quick else None]:

@@ -113,12 +113,14 @@ def main(name: str, task: str, *rest: str) -> None:
         with tempfile.TemporaryDirectory() as out:
             command(["sweep", task, "--delay", values, *options, "--out", out])
         return
-    initializer, arguments = None, ()
+    initializer = None
+    arguments = ()
     if name.startswith("JiTCDDE"):
         from benchmarks import jitcdde_peer
 
         file = jitcdde_peer.Compiled(task, CONTROLLER)
-        initializer, arguments = jitcdde_peer.Adopt, (task, CONTROLLER, file)
+        initializer = jitcdde_peer.Adopt
+        arguments = (task, CONTROLLER, file)
     context = multiprocessing.get_context("spawn")
     with context.Pool(JOBS, initializer, arguments) as pool:
         cases = [(name, task, delay, duration) for delay in delays]

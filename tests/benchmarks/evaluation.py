@@ -61,6 +61,7 @@ def _InDrake(diagram, num_calls: int) -> int:
 
 
 def _Compiled(run: CompiledRun, num_calls: int) -> int:
-    before, start = run.memory.counts[EVALUATIONS], run.time
+    before = run.memory.counts[EVALUATIONS]
+    start = run.time
     run.Advance(start + 1e-3 * num_calls)
     return int(run.memory.counts[EVALUATIONS] - before)

@@ -38,7 +38,8 @@ class _Model:
     """
 
     def __init__(self, result: Result):
-        self.result, self.n = result, result.n
+        self.result = result
+        self.n = result.n
         names = ["k_e", "d_e", "x_e", "sent", "received", "T_f", "T_r"]
         self.parameters = symbols(names)
         self.helpers: list = []
@@ -59,14 +60,19 @@ class _Model:
         return np.array([J[1, 0], -J[0, 0]]), J @ qdot
 
     def Jacobian(self, q):
-        s1, c1 = arm.L1 * sin(q[0]), arm.L1 * cos(q[0])
-        s12, c12 = arm.L3 * sin(q[0] + q[1]), arm.L3 * cos(q[0] + q[1])
+        s1 = arm.L1 * sin(q[0])
+        c1 = arm.L1 * cos(q[0])
+        s12 = arm.L3 * sin(q[0] + q[1])
+        c12 = arm.L3 * cos(q[0] + q[1])
         return np.array([[-s1 - s12, -s12], [c1 + c12, c12]])
 
     def Acceleration(self, q, qdot, force):
         if self.n == 1:
             return self.result.task.robot.acceleration(q, qdot, force)
-        m, L, c, inertia = arm.m1, arm.L1, arm.L2, arm.I1
+        m = arm.m1
+        L = arm.L1
+        c = arm.L2
+        inertia = arm.I1
         outer = m * c * c + inertia
         off = m * L * c * cos(q[1]) + outer
         inner = m * c * c + m * L * L + inertia + 2 * off - outer
@@ -84,19 +90,24 @@ class _Model:
 
     def Equations(self) -> list:
         """The right-hand side in symbols."""
-        task, n = self.result.task, self.n
+        task = self.result.task
+        n = self.n
         k_e, d_e, x_e, sent, received, T_f, T_r = self.parameters
-        (b1, b0), (_, a1, a0) = task.numerator, task.denominator
-        velocity, zero = np.array(task.velocity, dtype=object), [Integer(0)] * n
+        (b1, b0) = task.numerator
+        (_, a1, a0) = task.denominator
+        velocity = np.array(task.velocity, dtype=object)
+        zero = [Integer(0)] * n
         contact_force = np.array(task.contact_force or zero, dtype=object)
         q, qdot, x1, x2 = self.State()
         p, v = self.Tool(q, qdot)
-        p, v = self.Named("p", p), self.Named("v", v)
+        p = self.Named("p", p)
+        v = self.Named("v", v)
         F_e = self.Named("F_e", [k_e * (p[0] - x_e) + d_e * v[0], *zero[1:]])
         _, _, x1_late, x2_late = self.State(t - T_f)
         _, felt = self.Tool(*self.State(t - T_r)[:2])
         # `received` is 0 before the first packet, 1 in velocity mode, 2 in force mode.
-        haptic, force = received * (2 - received), received * (received - 1) / 2
+        haptic = received * (2 - received)
+        force = received * (received - 1) / 2
         F_h = haptic * (b0 * x1_late + b1 * x2_late) + force * contact_force
         F_h = self.Named("F_h", F_h)
         F_c = np.array([y(4 * n + i) for i in range(n)], dtype=object)
@@ -107,14 +118,18 @@ class _Model:
 
     def _Law(self, p, v, F_e, F_h, v_dd):
         """(4.2) to (4.53), (5.2) to (5.53), away from the projection's limit."""
-        n, law = self.n, self.result.law
-        c, N = law.c, law.N
+        n = self.n
+        law = self.result.law
+        c = law.c
+        N = law.N
         parts = np.cumsum([4 * n, n, n * N, n * n, n * N])
         F_c, W1, Psi, W3 = (
             np.array([y(i) for i in range(a, b)], dtype=object)
             for a, b in itertools.pairwise(parts)
         )
-        W1, Psi, W3 = W1.reshape(n, N), Psi.reshape(n, n), W3.reshape(n, N)
+        W1 = W1.reshape(n, N)
+        Psi = Psi.reshape(n, n)
+        W3 = W3.reshape(n, N)
         d = self.Named("d", (p - law.means) * law.inverse_width)
         Phi = self.Named("Phi", [exp(-(row @ row)) for row in d])
         Phi_dot = self.Named("Phi_dot", Phi * (-2 * (d @ (v * law.inverse_width))))
@@ -133,11 +148,13 @@ class _Model:
         u = self.Named("u", F_c - F_e)
         z = self.Named("z", u + offset)
         g = self.Named("g", law.P @ s + law.G1.T @ Psi_inv.T @ z)
-        beta, nu = c.adaptation_rate, c.leakage
+        beta = c.adaptation_rate
+        nu = c.leakage
         W1_dot = beta * (np.outer(g, Phi) - nu * W1)
         W3_dot = beta * (-np.outer(z, Phi) - nu * W3)
         Psi_dot = beta * (np.outer(g, u) + c.supervision * (law.psi0 - Psi))
-        W1_dot, Psi_dot = self.Named("W1_dot", W1_dot), self.Named("Psi_dot", Psi_dot)
+        W1_dot = self.Named("W1_dot", W1_dot)
+        Psi_dot = self.Named("Psi_dot", Psi_dot)
         s_dot = Psi @ u + y1
         lead_dot = W1_dot @ Phi + W1 @ Phi_dot + law.G1 @ s_dot
         alpha_dot = W3 @ Phi + Psi_inv @ (Psi_dot @ offset - lead_dot)
@@ -193,7 +210,8 @@ def Simulate(task: str, controller: str, delay: float, duration: float) -> Solut
 
 
 def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
-    result, n = model.result, model.n
+    result = model.result
+    n = model.n
     task = result.task
     dde = jitcdde(
         n=len(result.start_state),
@@ -213,7 +231,8 @@ def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
     )
     ends = [layer.start for layer in task.layers] + [inf]
     layer = task.layer_at(result.p_start)
-    times, rows = [], []
+    times = []
+    rows = []
 
     def Gaps(length):
         """How far the tool is past its layer after a step, upwards and downwards."""
@@ -228,7 +247,8 @@ def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
         # The operator feels the contact, and the slave hears of it.
         changes = [delay, result.perceived, result.perceived + delay, duration]
         bound = min(time for time in changes if time > dde.t + _TINY)
-        inside, law = (dde.t + bound) / 2, task.layers[layer]
+        inside = (dde.t + bound) / 2
+        law = task.layers[layer]
         received = (inside > delay) + (inside > result.perceived + delay)
         sent = float(inside < result.perceived)
         frozen = law.stiffness, law.damping, law.reference, sent, float(received)

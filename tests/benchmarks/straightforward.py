@@ -102,7 +102,8 @@ class Delay(Block):
         if i == len(times) or not np.isfinite(times[i - 1]):
             return rows[min(i, len(times) - 1), 1:]
         # Two samples on either side, or those of them that no jump separates.
-        first, last = i - 1, i
+        first = i - 1
+        last = i
         if np.isfinite(times[first - 1]) and times[first - 1] < times[first]:
             first -= 1
         if last + 1 < len(times) and times[last] < times[last + 1]:
@@ -167,14 +168,17 @@ class AdaptiveBackstepping(Block):
 
     def __init__(self, scenario: Scenario):
         LeafSystem.__init__(self)
-        c, n = scenario.controller, scenario.num_axes
+        c = scenario.controller
+        n = scenario.num_axes
         self.n = n
         self.Lambda, self.G1, self.G2, self.P = (
             np.eye(n) * gain if np.ndim(gain) == 0 else np.array(gain)
             for gain in (c.Lambda, c.G1, c.G2, c.P)
         )
-        self.beta, self.nu = c.adaptation_rate, c.leakage
-        self.Upsilon, self.Psi_min = c.supervision, c.minimum_psi
+        self.beta = c.adaptation_rate
+        self.nu = c.leakage
+        self.Upsilon = c.supervision
+        self.Psi_min = c.minimum_psi
         self.Psi0 = scenario.initial_psi
         axes = [
             np.linspace(*a)
@@ -195,7 +199,8 @@ class AdaptiveBackstepping(Block):
 
     def Unpack(self, context):
         x = context.get_continuous_state_vector().CopyToVector()
-        n, N = self.n, self.N
+        n = self.n
+        N = self.N
         F_c, W1, Psi, W3 = np.split(x, np.cumsum([n, n * N, n * n]))
         return F_c, W1.reshape(n, N), Psi.reshape(n, n), W3.reshape(n, N)
 
@@ -213,7 +218,8 @@ class AdaptiveBackstepping(Block):
         Psi_inv = np.linalg.inv(Psi)
 
         s = (v - v_d) + self.Lambda @ (F_e - F_h)
-        y1, y3 = W1 @ Phi, W3 @ Phi
+        y1 = W1 @ Phi
+        y3 = W3 @ Phi
         alpha = F_e - Psi_inv @ (y1 + self.G1 @ s)
         z = F_c - alpha
         s_dot = Psi @ (F_c - F_e) + y1
@@ -243,7 +249,8 @@ class TaskSpace(Block):
 
     def __init__(self, plant: MultibodyPlant, n: int):
         LeafSystem.__init__(self)
-        self.plant, self.n = plant, n
+        self.plant = plant
+        self.n = n
         self.plant_context = plant.CreateDefaultContext()
         self.Inputs(plant.num_multibody_states(), "state")
         self.Inputs(n, "control_force", "environment_force")
@@ -288,7 +295,8 @@ class Environment(Block):
 
     def __init__(self, layers, n: int):
         LeafSystem.__init__(self)
-        self.layers, self.n = layers, n
+        self.layers = layers
+        self.n = n
         self.Inputs(n, "position", "velocity")
         # The only jump of the thesis's tasks is at the end of the tissue.
         damped = [i for i, layer in enumerate(layers) if layer.damping > 0]
@@ -311,7 +319,8 @@ class Environment(Block):
         state.get_mutable_discrete_state(0).SetAtIndex(0, 1.0 - past)
 
     def CalcForce(self, context):
-        x, v = self.position.Eval(context)[0], self.velocity.Eval(context)[0]
+        x = self.position.Eval(context)[0]
+        v = self.velocity.Eval(context)[0]
         past = self.Mode(context) > 0
         # No step straddles the border: its stages have the law of one side.
         side = [
@@ -339,18 +348,22 @@ def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], Sy
     task_space = builder.AddSystem(TaskSpace(plant, n))
     environment = builder.AddSystem(Environment(scenario.environment.layers, n))
     controller = builder.AddSystem(AdaptiveBackstepping(scenario))
-    surgeon, device = scenario.surgeon, scenario.haptic_device
+    surgeon = scenario.surgeon
+    device = scenario.haptic_device
     force = surgeon.contact_force
     surface = None if force is None else Border(scenario, "contact")
     operator = builder.AddSystem(Operator(surgeon.velocity, force, surface))
-    (b1, b0), (_, a1, a0) = device.numerator, device.denominator
+    (b1, b0) = device.numerator
+    (_, a1, a0) = device.denominator
     A = np.kron(np.array([[0, 1], [-a0, -a1]]), np.eye(n))
     B = np.kron(np.array([[0], [1]]), np.eye(n))
     C = np.kron(np.array([[b0, b1]]), np.eye(n))
     device = builder.AddSystem(LinearSystem(A, B, C, np.zeros((n, n))))
-    error, minus = builder.AddSystem(Adder(2, n)), builder.AddSystem(Gain(-1.0, n))
+    error = builder.AddSystem(Adder(2, n))
+    minus = builder.AddSystem(Gain(-1.0, n))
 
-    T_f, T_r = scenario.forward_channel.delay, scenario.return_channel.delay
+    T_f = scenario.forward_channel.delay
+    T_r = scenario.return_channel.delay
     zero = np.zeros(n)
     forward_force, forward_velocity, return_position, return_velocity = (
         builder.AddSystem(make_delay(delay, initial))

@@ -104,7 +104,8 @@ def RunMain(argv):
     def start(*args, **kwargs):
         raise Started
 
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with (
         pytest.MonkeyPatch.context() as patch,
         contextlib.redirect_stdout(out),

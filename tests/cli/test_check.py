@@ -20,7 +20,8 @@ from runs import Run
 
 from teleop_drake.cli.main import main
 
-NAME, NEEDLE = "two_dof_puncture_direct_force", "needle_insertion_adaptive_backstepping"
+NAME = "two_dof_puncture_direct_force"
+NEEDLE = "needle_insertion_adaptive_backstepping"
 DELAYS = FOLDER / "delays"
 CASES = [(name, "auto") for name in REFERENCES]
 # In Drake's Simulator, which is slow, not each task with both controllers.

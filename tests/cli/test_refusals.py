@@ -55,7 +55,8 @@ def Refusal(command):
     for name, text in FILES.items():
         Path(name).write_text(text)
     os.chmod("words.key", 0o600)
-    out, err = io.StringIO(), io.StringIO()
+    out = io.StringIO()
+    err = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(shlex.split(command))
     assert out.getvalue() == ""

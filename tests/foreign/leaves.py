@@ -74,7 +74,8 @@ class ByName(Block):
 
     def calc(self, context, output):
         u = self.GetInputPort("u").EvalBasicVector(context).CopyToVector()
-        output[0], output[1] = u[1], -u[0]
+        output[0] = u[1]
+        output[1] = -u[0]
 
 
 class InPlace(Block):
@@ -432,7 +433,8 @@ class Named(Block):
 class Pid(Block):
     def declare(self):
         self.DeclareContinuousState(1)
-        self.kp, self.ki = 2.0, 0.5
+        self.kp = 2.0
+        self.ki = 0.5
 
     def calc(self, context, output):
         e, v = self.u.Eval(context)
@@ -610,10 +612,12 @@ def Vehicle_(T):
             x = context.get_continuous_state_vector().CopyToVector()
             u = self.EvalVectorInput(context, 0).CopyToVector()
             wind = self.wind.Eval(context)[0] if self.wind.HasValue(context) else 0.0
-            sine, cosine = drake_sin(x[2]), drake_cos(x[2])
+            sine = drake_sin(x[2])
+            cosine = drake_cos(x[2])
             if not self.is_read:  # Nobody follows a matrix of Drake's.
                 R = RotationMatrix_[T].MakeYRotation(x[2])
-                sine, cosine = R.matrix()[0, 2], R.matrix()[0, 0]
+                sine = R.matrix()[0, 2]
+                cosine = R.matrix()[0, 0]
             lift = (u[0] + u[1]) / 0.5
             turn = 12.5 * (u[0] - u[1])
             rates = [-sine * lift + wind, cosine * lift - 9.81, turn]

@@ -48,7 +48,8 @@ def test_what_the_weight_adds_is_the_closed_form():
     scenario = LoadScenario(LEARNING)
     plant = scenario.robot.LoadPlant()
     context = plant.CreateDefaultContext()
-    tool, world = plant.GetFrameByName("tool"), plant.world_frame()
+    tool = plant.GetFrameByName("tool")
+    world = plant.world_frame()
     for p, drift in zip(INSIDE, WeightDrift(scenario, INSIDE), strict=True):
         plant.SetPositions(context, scenario.robot.JointPositions(p))
         J = plant.CalcJacobianTranslationalVelocity(
@@ -71,7 +72,11 @@ def test_distance_from_the_path_is_how_far_the_start_is_missed(thesis_runs):
 @pytest.mark.parametrize("which", ["W1", "W3"])
 def test_what_leakage_leaves_and_how_long_it_takes(which):
     """The formulas of the page, from the law with a constant unknown."""
-    G1, G2, nu, beta, active = 4.0, 30.0, 0.1, 0.1, 1.6
+    G1 = 4.0
+    G2 = 30.0
+    nu = 0.1
+    beta = 0.1
+    active = 1.6
     # Each network for itself, and so that s and z hardly move one another: an unknown
     # of ds/dt moves z unless Psi = G1.
     is_first = which == "W1"
@@ -82,7 +87,8 @@ def test_what_leakage_leaves_and_how_long_it_takes(which):
         beta1=beta * is_first, beta2=0.0, beta3=beta * (not is_first),
         nu1=nu, nu3=nu, Upsilon=0.0, Psi0=psi * one, Psi_min=1e-4,
     )  # fmt: skip
-    Phi, zero = np.array([np.sqrt(active)]), np.zeros(1)
+    Phi = np.array([np.sqrt(active)])
+    zero = np.zeros(1)
 
     def Rate(y, unknown=1.0):
         """The rate of [s, F_c - F_e, w], which is affine in them."""

@@ -72,7 +72,9 @@ class Changed(ThesisRuns):
 
     def __init__(self, runs, name, change):
         super().__init__()
-        self._intact, self._name, self._change = runs, name, change
+        self._intact = runs
+        self._name = name
+        self._change = change
 
     def __call__(self, name, *changes):
         run = self._intact(name, *changes)
@@ -279,7 +281,8 @@ def test_separate_updates_follow_the_errors_of_their_stages():
     s = v - v_dd + F_e - F_hd
     inverse = np.linalg.inv(Psi)
     offset = inverse @ (W1 @ Phi + 4 * s)
-    z, g = F_c - F_e + offset, gains.P @ s
+    z = F_c - F_e + offset
+    g = gains.P @ s
     W1_dot = 0.3 * (np.outer(g, Phi) - 0.4 * W1)
     Psi_dot = 0.2 * (np.outer(g, F_c - F_e) + 0.6 * (gains.Psi0 - Psi))
     s_dot = Psi @ (F_c - F_e) + W1 @ Phi

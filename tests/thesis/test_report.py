@@ -31,7 +31,10 @@ class Outline(HTMLParser):
 
     def __init__(self, page):
         super().__init__()
-        self.open, self.ids, self.links, self.sources = [], [], [], []
+        self.open = []
+        self.ids = []
+        self.links = []
+        self.sources = []
         self.feed(page)
         assert self.open == []
 

@@ -17,7 +17,8 @@ def test_each_run_is_simulated_once():
     assert runs("one_dof", {"duration": 0.1}, SHORT) is first
     assert runs("one_dof", SHORT, {"robot.mass": 1.0}) is not first
     assert first.recording.time[-1] == pytest.approx(0.3)
-    (one, other), command = lines, "teleop-drake run one_dof --set duration=0.3"
+    (one, other) = lines
+    command = "teleop-drake run one_dof --set duration=0.3"
     assert one.startswith(f"{command}: completed, ")
     assert list(runs.used) == [command, f"{command} --set robot.mass=1.0"]
     assert other.startswith(f"{command} --set robot.mass=1.0: ")

@@ -109,7 +109,8 @@ class Jaxonomy(Simulator):
         )
 
     def pd(self, sensor, actuator, times):
-        A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+        A = np.array([[0.0, 1.0], [0.0, 0.0]])
+        B = np.array([[0.0], [1.0]])
         plant = library.LTISystem(A, B, np.eye(2), np.zeros((2, 1)))
         law = library.FeedthroughBlock(lambda x: jnp.array([4 * (1 - x[0]) - 2 * x[1]]))
         ring = [plant]

@@ -24,7 +24,8 @@ from teleop_drake.model.run.simulate import simulate
 STALE = stale_packets()
 
 # The first fall of the sawtooth, and how long after the one before each other is, s.
-FIRST_FALL, SAW_PERIOD = 0.195, 0.2
+FIRST_FALL = 0.195
+SAW_PERIOD = 0.2
 
 
 def source(signal: Input) -> FixedBlock:

@@ -110,8 +110,10 @@ class PathSim(Simulator):
     def pd(self, sensor, actuator, times):
         plant = ODE(lambda x, u, t: np.array([x[1], u[0]]), np.zeros(2))
         law = Function(lambda x, v: 4 * (1 - x) - 2 * v)
-        blocks, links = [plant, law], []
-        measured, force = plant, law
+        blocks = [plant, law]
+        links = []
+        measured = plant
+        force = law
         if sensor:
             measured = Delay(sensor)
             blocks.append(measured)

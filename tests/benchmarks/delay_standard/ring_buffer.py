@@ -91,11 +91,13 @@ class RingBuffer(Simulator):
         return np.array(rows)[np.round(times / step).astype(int)]
 
     def scalar_loop(self, k, T, times):
-        A, B = np.zeros((1, 1)), np.ones((1, 1))
+        A = np.zeros((1, 1))
+        B = np.ones((1, 1))
         return self._loop(A, B, [1.0], lambda x: -k * x[0], T, 0.0, times, [1.0])
 
     def pd(self, sensor, actuator, times):
-        A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+        A = np.array([[0.0, 1.0], [0.0, 0.0]])
+        B = np.array([[0.0], [1.0]])
         start = [0.0, 0.0]
 
         def control(x):

@@ -208,7 +208,9 @@ def _entered(t: float, length: float, path: Callable[[float], float]) -> float:
     return low
 
 
-GAIN, PERIOD, COMPUTING = Fraction(4), Fraction("0.1"), Fraction("0.04")
+GAIN = Fraction(4)
+PERIOD = Fraction("0.1")
+COMPUTING = Fraction("0.04")
 
 
 def sampled() -> Task:

@@ -186,7 +186,8 @@ def delayed_decay() -> Task:
 
 KP = Fraction(4)
 KD = Fraction(2)
-SENSOR, ACTUATOR = Fraction("0.06"), Fraction("0.04")
+SENSOR = Fraction("0.06")
+ACTUATOR = Fraction("0.04")
 
 
 def pd() -> Task:
@@ -377,7 +378,8 @@ def bounce() -> Task:
 
 
 def tie() -> Task:
-    first, second = Fraction("0.14"), Fraction("0.15")
+    first = Fraction("0.14")
+    second = Fraction("0.15")
     T = first + second
     jump = step_at(Fraction("0.105"))
     arrival = T + Fraction("0.105")

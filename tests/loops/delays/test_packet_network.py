@@ -176,7 +176,8 @@ def test_losses_within_the_states():
     lost = np.isinf(delays(make(loss=loss, seed=2), count))
     assert lost.mean() == pytest.approx(0.2, abs=0.01)
     # share 0.2 of the packets is bad; the covariance of neighbours has a closed form.
-    share, leave = 0.2, 1 / 50
+    share = 0.2
+    leave = 1 / 50
     enter = leave * share / (1 - share)
     covariance = share * (1 - share) * 0.5**2 * (1 - leave - enter)
     assert np.mean((lost[1:] - 0.2) * (lost[:-1] - 0.2)) == pytest.approx(
@@ -219,7 +220,8 @@ def test_held_delays_have_a_geometric_autocorrelation(kind):
 
 
 def test_the_first_of_two_copies_is_used():
-    double, loss = 0.3, 0.2
+    double = 0.3
+    loss = 0.2
     network = make(
         jitter=Jitter(kind="uniform", std=0.02),
         loss=Loss(kind="independent", probability=loss),
@@ -274,7 +276,8 @@ BUSY = {
 def test_packets_do_not_depend_on_who_asks(correlated):
     new = {"correlation_time": 0.01, "keeps_order": True} if correlated else {}
     busy = {**BUSY, "jitter": dataclasses.replace(BUSY["jitter"], **new)}
-    network, other = make(**busy, seed=7), make(**busy, seed=7)
+    network = make(**busy, seed=7)
+    other = make(**busy, seed=7)
     numbers = [5000, 3, 1024, 1023, 5000, 0]
     backwards = [network.Arrival(k) for k in numbers]
     forwards = other.Arrivals(6000)
@@ -298,7 +301,8 @@ def test_seeds_and_streams_differ(subtests):
     ]
     for i, j in ((0, 1), (0, 2), (1, 2)):
         with subtests.test(i=i):
-            a, b = arrivals[i], arrivals[j]
+            a = arrivals[i]
+            b = arrivals[j]
             both = np.isfinite(a) & np.isfinite(b)
             t = np.arange(2000)[both] * H
             assert abs(np.corrcoef(a[both] - t, b[both] - t)[0, 1]) < 0.1

@@ -52,7 +52,8 @@ def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
 
 
 def oscillate(t, x, m, p, y, dx, wanted):
-    dx[0], dx[1] = x[1], -x[0]
+    dx[0] = x[1]
+    dx[1] = -x[0]
     y[0] = x[0]
 
 
@@ -79,11 +80,13 @@ def Doubled(array):
 
 def test_it_goes_on_where_there_was_no_more_room():
     memory = MakeMemory([1.0, 0.0], room=12)
-    outcome, calls = FULL, 0
+    outcome = FULL
+    calls = 0
     while outcome == FULL:
         outcome = advance(oscillate, MakeProblem(), memory, 6.0, 1e-10, 0.2)
         num = memory.counts[ROWS]
-        times, rows = memory.row_times[:num], memory.rows[:num, 0]
+        times = memory.row_times[:num]
+        rows = memory.rows[:num, 0]
         np.testing.assert_allclose(rows, np.cos(times), atol=1e-8)
         calls += 1
         grown = {"row_times", "row_ends", "rows"}
@@ -138,9 +141,11 @@ def test_packets_are_held():
 
 
 def throw(t, x, m, p, y, dx, wanted):
-    dx[0], dx[1] = x[1], -1.0
+    dx[0] = x[1]
+    dx[1] = -1.0
     if wanted:
-        y[0], y[1] = x[0] - 0.49 if m[0] == 0 else -1.0, 1.0
+        y[0] = x[0] - 0.49 if m[0] == 0 else -1.0
+        y[1] = 1.0
 
 
 def test_a_moment_within_a_step_is_found():

@@ -81,12 +81,14 @@ class Sampler(KernelBlock):
 )
 def test_a_sample_at_the_instant_of_a_jump_is_that_of_drake(delay):
     """Drake's hold samples after the jump that arrives, the package's own before it."""
-    times, values = np.array([0.07, 0.12]), {}
+    times = np.array([0.07, 0.12])
+    values = {}
     for make in (lambda: Sampler(0.05), lambda: ZeroOrderHold(0.05, 1)):
         for engine in (InDrake, Compiled):
             builder = DiagramBuilder()
             source = builder.AddSystem(ConstantVectorSource([1.0]))
-            line, hold = builder.AddSystem(delay()), builder.AddSystem(make())
+            line = builder.AddSystem(delay())
+            hold = builder.AddSystem(make())
             builder.Connect(source.get_output_port(), line.get_input_port())
             builder.Connect(line.get_output_port(), hold.get_input_port())
             builder.ExportOutput(hold.get_output_port(), "y")
@@ -193,7 +195,9 @@ def test_transitions_are_located():
     _, times, _ = run(builder.Build(), 2.0)
     jumps = times[:-1][np.diff(times) == 0]
     # From 0 to 2 towards 6, from 2 to 1 towards 0, from 1 to 2 towards 6, ...
-    rise, fall, again = math.log(6 / 4), math.log(2), math.log(5 / 4)
+    rise = math.log(6 / 4)
+    fall = math.log(2)
+    again = math.log(5 / 4)
     expected = np.cumsum([rise, fall, again, fall, again])
     np.testing.assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
 

@@ -32,7 +32,10 @@ def test_other_parameters_take_the_same_machine_code():
     plant.get_mutable_parameters(context).set_mass(2.0)
     other = Evaluator(plant, context, as_machine_code=True, like=first)
     assert other.function is first.function
-    mass, length, damping, gravity = 2.0, 0.5, 0.1, 9.81
+    mass = 2.0
+    length = 0.5
+    damping = 0.1
+    gravity = 9.81
     torque = 0.3 - damping * 0.2 - mass * gravity * length * np.sin(0.4)
     expected = [0.2, torque / (mass * length**2)]
     np.testing.assert_allclose(other.Evaluate(context)[1], expected, rtol=1e-14)

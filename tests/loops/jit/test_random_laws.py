@@ -27,7 +27,8 @@ def IsSame(seed):
             program = TraceLaw(law, [Place(0, (6,))], 6)
         except Untraceable:
             return False
-    memory, result = np.zeros(6), np.zeros(len(program.stores))
+    memory = np.zeros(6)
+    result = np.zeros(len(program.stores))
     library = Library(ObjectFile(MakeCode(program)), "evaluate")
     call = BoundEvaluate(library, memory, result)
     num_others = 0

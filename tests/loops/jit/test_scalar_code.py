@@ -128,11 +128,14 @@ def test_machine_code_and_python_agree(function):
     library = Library(ObjectFile(MakeCode(program)), "evaluate")
     evaluate = Evaluate(library)
     for _ in range(50):
-        x, m, p = rng.normal(size=num_x), rng.normal(size=1), rng.normal(size=2)
+        x = rng.normal(size=num_x)
+        m = rng.normal(size=1)
+        p = rng.normal(size=2)
         results = []
         for f in (InPython, evaluate):
             for wanted in (RATE, ALL, SIGNALS):
-                y, dx = np.full(size + 1, 0.5), np.zeros(num_x)
+                y = np.full(size + 1, 0.5)
+                dx = np.zeros(num_x)
                 f(0.3, x, m, p, y, dx, wanted)
                 # Machine code leaves the rate out where nobody wants it.
                 if wanted == SIGNALS:
@@ -146,7 +149,8 @@ def test_machine_code_and_python_agree(function):
 def test_a_law_is_the_same_in_machine_code(law):
     rng = np.random.default_rng(1)
     program = TraceLaw(law, [Place(0, (6,))], 6)
-    memory, result = np.zeros(6), np.zeros(len(program.stores))
+    memory = np.zeros(6)
+    result = np.zeros(len(program.stores))
     call = BoundEvaluate(
         Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
     )
@@ -174,7 +178,8 @@ def CompileTables(count):
     layouts = [Place(0, (count,)), Place(count, (count, 2)), Place(3 * count, (1,))]
     program = TraceLaw(found_in_tables, layouts, 3 * count + 1)
     code = MakeCode(program)
-    memory, result = np.zeros(3 * count + 1), np.zeros(5)
+    memory = np.zeros(3 * count + 1)
+    result = np.zeros(5)
     call = BoundEvaluate(Library(ObjectFile(code), "evaluate"), memory, result)
     return code, memory, result, call
 
@@ -212,7 +217,8 @@ def test_an_index_between_whole_numbers_is_none():
         return np.array([rows[x[0]]])
 
     program = TraceLaw(law, [Place(0, (40,)), Place(40, (1,))], 41)
-    memory, result = np.arange(41.0), np.zeros(1)
+    memory = np.arange(41.0)
+    result = np.zeros(1)
     call = BoundEvaluate(
         Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
     )
@@ -243,7 +249,8 @@ def test_whole_numbers_beyond_those_of_floats_are_rounded():
         return np.array([int(1e17 * x[0]) + 1, np.where(x[1] > 0, 2**52, 1) * 3])
 
     program = TraceLaw(law, [Place(0, (2,))], 2)
-    memory, result = np.zeros(2), np.zeros(2)
+    memory = np.zeros(2)
+    result = np.zeros(2)
     call = BoundEvaluate(
         Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
     )

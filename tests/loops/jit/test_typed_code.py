@@ -96,7 +96,8 @@ def test_machine_code_and_python_agree(t):
         if is_compiled:
             code = MakeTypedCode(everything, [TypeOf(work), FLOAT, INTEGER])
             library = Library(ObjectFile(code), "everything")
-            number, pointer = ctypes.c_int64, ctypes.c_void_p
+            number = ctypes.c_int64
+            pointer = ctypes.c_void_p
             kind = ctypes.CFUNCTYPE(number, pointer, ctypes.c_double, number)
             header = np.array(Header(work), np.int64)
             value = kind(library.Address("everything"))(header.ctypes.data, t, 5)
@@ -171,11 +172,14 @@ def test_an_index_is_in_its_array_or_an_error():
         (before, (1, 3), (0, 4, -3)),
     ):
         loops = compiled(function, x, np.zeros(1), 0)
-        name, line = function.__name__, function.__code__.co_firstlineno + 1
+        name = function.__name__
+        line = function.__code__.co_firstlineno + 1
         if function is before:
-            name, line = "last", last.__code__.co_firstlineno + 1
+            name = "last"
+            line = last.__code__.co_firstlineno + 1
         for i in inside:
-            result, expected = np.zeros(1), np.zeros(1)
+            result = np.zeros(1)
+            expected = np.zeros(1)
             loops(x, result, i)
             function(x, expected, i)
             assert result == expected

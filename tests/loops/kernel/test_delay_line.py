@@ -56,7 +56,8 @@ def test_it_delivers_by_the_rule_of_its_keys():
     simulator = Simulator(diagram)
     simulator.AdvanceTo(3.0)
     data = log.FindLog(simulator.get_context())
-    times, values = data.sample_times(), data.data()[0]
+    times = data.sample_times()
+    values = data.data()[0]
     before = times <= 0.5  # Of a jump at this very instant the left side.
     assert np.all(values[before] == 7.0)
     sent = (times[~before] - 0.5) / 1.25

@@ -37,7 +37,8 @@ def test_roots_of_a_coupled_system():
     """Every root that is found satisfies the equation to rounding."""
     random = np.random.default_rng(1)
     A = random.normal(size=(4, 4))
-    B, C = random.normal(size=(4, 2)), random.normal(size=(2, 4))
+    B = random.normal(size=(4, 2))
+    C = random.normal(size=(2, 4))
     D = 0.2 * random.normal(size=(2, 2))
     delay = 0.8
     roots = roots_of(A, B, C, D, delay=delay, count=10)
@@ -51,7 +52,8 @@ def test_roots_of_a_coupled_system():
 
 def test_neutral_equation():
     """The equation u(t) = d u(t - T): e^(s T) = d, s = (log d + 2 pi j k)/T."""
-    d, delay = 0.3, 2.0
+    d = 0.3
+    delay = 2.0
     empty = np.zeros((0, 0))
     roots = roots_of(
         empty, np.zeros((0, 1)), np.zeros((1, 0)), [[d]], delay=delay, count=5
@@ -68,7 +70,8 @@ def test_fast_root_behind_slow_ones():
     It is a resonance at 120 rad/s whose damping is weaker than its delayed feedback. It
     turns by more than a hundred radians within the delay.
     """
-    delay, fast = 1.0, 120.0
+    delay = 1.0
+    fast = 120.0
     A = np.array([[-1.0, 0, 0], [0, 0, 1], [0, -(fast**2), -0.1]])
     B = np.array([[1.0, 0], [0, 0], [0, 1.0]])
     C = np.array([[-1.0, 0, 0], [0, 0, 5.0]])
@@ -81,7 +84,9 @@ def test_fast_root_behind_slow_ones():
 
 
 def test_without_delay_they_are_eigenvalues():
-    A, B, C = [[0, 1], [-2, -3]], [[0], [1]], [[1, 0]]
+    A = [[0, 1], [-2, -3]]
+    B = [[0], [1]]
+    C = [[1, 0]]
     roots = roots_of(A, B, C, [[0.5]], delay=0.0)
     expected = np.roots([1, 3, 2 - 1 / (1 - 0.5)])
     np.testing.assert_allclose(np.sort(roots.real), np.sort(expected), rtol=1e-12)

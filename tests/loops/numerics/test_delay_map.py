@@ -22,7 +22,8 @@ def network(matrix, num_states, delays=()):
 
 def test_a_branch_is_not_its_port():
     """dx/dt = w0, dv/dt = -kd w1 - kp w2; v is sent into w0 and w1, x into w2."""
-    kp, kd = 4.0, 2.0
+    kp = 4.0
+    kd = 2.0
     M = np.zeros((5, 5))
     M[0, 2] = 1.0
     M[1, 3:] = -kd, -kp

@@ -72,7 +72,8 @@ def CookeGrossman(a, c, d):
     switches", J. Math. Anal. Appl. 86 (1982): w^4 + (a^2 - 2 c) w^2 + c^2 - d^2 = 0
     has two positive roots; the larger one destabilises, the smaller one stabilises.
     """
-    p, q = a**2 - 2 * c, c**2 - d**2
+    p = a**2 - 2 * c
+    q = c**2 - d**2
     root = math.sqrt(p**2 - 4 * q)
     switches = []
     for w2, direction in (((-p + root) / 2, 1), ((-p - root) / 2, -1)):
@@ -84,7 +85,9 @@ def CookeGrossman(a, c, d):
 
 
 def test_windows_reopen_finitely_often():
-    a, c, d = 0.2, 1.0, 0.6
+    a = 0.2
+    c = 1.0
+    d = 0.6
     loop = Scalar([d], [1, a, c])
     (w1, T1, _), (w2, T2, _) = CookeGrossman(a, c, d)
     crossings = find_crossings(loop)
@@ -113,13 +116,15 @@ def KroneckerFrequencies(A0, A1):
     |z| = 1, the Kronecker sum of this matrix and its conjugate is singular. This is a
     quadratic eigenvalue problem in z.
     """
-    A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
+    A0 = np.array(A0, dtype=float)
+    A1 = np.array(A1, dtype=float)
     n = len(A0)
     identity = np.eye(n)
     Q2 = np.kron(A1, identity)
     Q1 = np.kron(A0, identity) + np.kron(identity, A0)
     Q0 = np.kron(identity, A1)
-    zero, one = np.zeros((n * n, n * n)), np.eye(n * n)
+    zero = np.zeros((n * n, n * n))
+    one = np.eye(n * n)
     z = eigvals(
         np.block([[zero, one], [-Q0, -Q1]]), np.block([[one, zero], [zero, Q2]])
     )
@@ -169,7 +174,8 @@ def test_feedthrough():
     Stability at any delay requires |b| < 1. |L| = 1 at w = c/sqrt(1 - b^2), where
     arg L = -atan(c/(w b)).
     """
-    b, c = 0.5, 1.0
+    b = 0.5
+    c = 1.0
     loop = state_space(A=[[0.0]], B=[[1.0]], C=[[c]], D=[[b]])
     assert is_delay_robust(loop)
     w = c / math.sqrt(1 - b**2)

@@ -75,7 +75,8 @@ def test_the_random_loops_are_of_all_sorts():
 
 def test_two_delays_of_collocation_satisfy_the_equation():
     """s = -a e^(-s T1) - b e^(-s T2)."""
-    a, b = 1.3, 0.9
+    a = 1.3
+    b = 0.9
     loop = state_space(
         A=[[0.0]],
         B=[[-a, -b]],

@@ -6,7 +6,8 @@ from teleop_drake.loops.numerics.differences import differentiate
 
 
 def test_jacobian():
-    x0, steps = np.array([0.3, -0.7]), np.array([0.1, 0.05])
+    x0 = np.array([0.3, -0.7])
+    steps = np.array([0.1, 0.05])
 
     def function(x):
         return np.array([np.sin(x[0]) * x[1], np.exp(x[1]), x[0] ** 3])

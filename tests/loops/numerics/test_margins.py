@@ -74,7 +74,8 @@ def test_delays_stabilise_an_oscillator(inner):
 
     The pair of roots leaves the right side at the lower w and returns at the upper one.
     """
-    a, k = 0.05, 0.3
+    a = 0.05
+    k = 0.3
     A = [[0.0, 1.0], [-1.0, a]]
     loop = late_loop(A, [0.0, 1.0], [-k, 0.0], inner)
     if inner == 0:

@@ -15,7 +15,8 @@ from teleop_drake.loops.numerics.rigid_body import (
 
 def Inertia(m, com, rotational):
     """Returns mass, first moment and inertia about the origin of the link's frame."""
-    c, square = np.array(com, dtype=float), np.dot(com, com)
+    c = np.array(com, dtype=float)
+    square = np.dot(com, com)
     about = np.diag(rotational) + m * (square * np.eye(3) - np.outer(c, c))
     return m, m * c, about
 
@@ -56,13 +57,15 @@ def test_the_arm_of_appendix_a(gravity):
         q, v, tau = random.normal(size=(3, 2))
         v_dot = calc_joint_accelerations(tree, q, v, tau)
         weight = appendix_a.G(q) * (gravity > 0)
-        M, C = appendix_a.M(q), appendix_a.C(q, v)
+        M = appendix_a.M(q)
+        C = appendix_a.C(q, v)
         expected = np.linalg.solve(M, tau - C @ v - weight)
         np.testing.assert_allclose(v_dot, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_the_tool_of_appendix_a():
-    q, v = np.array([0.4, 1.1]), np.array([0.7, -0.3])
+    q = np.array([0.4, 1.1])
+    v = np.array([0.7, -0.3])
     tree = Arm()
     motion = calc_motion(tree, q, v)
     p, J = calc_jacobian(tree, motion, 1, np.array([appendix_a.L3, 0.0, 0.0]))
@@ -74,10 +77,12 @@ def test_the_tool_of_appendix_a():
 def test_what_turns_evenly_falls_towards_the_axis():
     """A point at radius r of a link that turns at w has the acceleration -w^2 r."""
     tree = Tree((0, (0, 0, 0), (0, 0, 1), Inertia(1.0, (0, 0, 0), (1, 1, 1))))
-    q, v = np.array([0.3]), np.array([2.0])
+    q = np.array([0.3])
+    v = np.array([2.0])
     v_dot = calc_joint_accelerations(tree, q, v, np.zeros(1))
     assert v_dot[0] == pytest.approx(0.0)
-    motion, point = calc_motion(tree, q, v), np.array([0.5, 0.0, 0.2])
+    motion = calc_motion(tree, q, v)
+    point = np.array([0.5, 0.0, 0.2])
     result = calc_bias_acceleration(motion, 0, point)
     expected = [0.0, 0.0, 0.0, -2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0]
     np.testing.assert_allclose(result, expected, atol=1e-14)
@@ -90,6 +95,7 @@ def test_a_slide_falls_with_its_rotor_and_its_damping():
         gravity=(0, 0, -9.81),
     )
     tree = tree._replace(rotor_inertias=np.array([0.5]), damping=np.array([0.3]))
-    forces, v = np.array([4.0]), np.array([1.5])
+    forces = np.array([4.0])
+    v = np.array([1.5])
     v_dot = calc_joint_accelerations(tree, np.zeros(1), v, forces)
     assert v_dot[0] == pytest.approx((4.0 - 0.45 - 2.0 * 9.81) / 2.5)

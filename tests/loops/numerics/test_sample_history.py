@@ -16,7 +16,8 @@ DELAY = 0.1
 
 @given(steps=st.lists(st.floats(0.005, DELAY), min_size=10, max_size=80))
 def test_a_new_sample_does_not_move_what_is_delivered_now(steps):
-    history, time = SampleHistory(), 0.0
+    history = SampleHistory()
+    time = 0.0
     for step in steps:
         value = np.array([np.sin(9 * time), np.cos(40 * time)])
         before = history.eval(time) if time > DELAY else None
@@ -42,7 +43,8 @@ def test_evaluating_it_changes_nothing():
 
 def between(times, values, num=11):
     """Returns times within the intervals of a signal and the interpolated values."""
-    query, result = [], []
+    query = []
+    result = []
     for i in np.flatnonzero(np.diff(times) > 0).tolist():
         polynomial = EnoPolynomial(times.tolist(), values[:, np.newaxis], i)
         t = np.linspace(times[i], times[i + 1], num)

@@ -9,7 +9,8 @@ from teleop_drake.loops.numerics.state_space import minimal_realization, state_s
 
 
 def System(A, B, C, D=None):
-    B, C = np.atleast_2d(B), np.atleast_2d(C)
+    B = np.atleast_2d(B)
+    C = np.atleast_2d(C)
     D = np.zeros((len(C), B.shape[1])) if D is None else D
     return state_space(A=np.atleast_2d(A), B=B, C=C, D=D)
 

@@ -45,7 +45,8 @@ def test_packets_keep_their_order_and_what_the_fields_say(kind):
     # So many seconds are half as many independent delays; bursts are of few packets.
     error = config.jitter.std * np.sqrt(2 * config.jitter.correlation_time / duration)
     assert abs(delays.mean() - config.delay) < 4 * error
-    lost, length = config.loss.probability, config.loss.burst_length
+    lost = config.loss.probability
+    length = config.loss.burst_length
     error = np.sqrt(2 * length * lost / num)
     assert abs(1 - len(delays) / num - lost) < 4 * error
 

@@ -147,7 +147,8 @@ def test_gilbert_elliott_begins_in_the_good_state():
 
 def test_copies_are_lost_by_themselves():
     """A packet that is both doubled and lost leaves one copy."""
-    loss, double = 0.2, 0.3
+    loss = 0.2
+    double = 0.3
     first, second = Send("delay 50ms 10ms loss 20% duplicate 30%")
     assert IsShare(np.isfinite(second), double * (1 - loss) ** 2)
     assert IsShare(np.isinf(first), loss * (1 - double))

@@ -149,7 +149,8 @@ def test_beyond_the_end_of_the_trace_is_refused():
 
 
 def test_profile_adds_its_parts():
-    times, values = [1000.0, 1000.5, 1002.0], [0.02, 0.05, 0.03]
+    times = [1000.0, 1000.5, 1002.0]
+    values = [0.02, 0.05, 0.03]
     profile = DelayProfile(
         delay=0.1,
         drift=-0.001,

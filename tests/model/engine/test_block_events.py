@@ -37,7 +37,9 @@ from teleop_drake.model.run.simulate import MakeDiagram
 from teleop_drake.model.scenario import LoadScenario
 
 # In s and N.
-PERIOD, END, PUSH = 0.1, 0.95, 5e-4
+PERIOD = 0.1
+END = 0.95
+PUSH = 5e-4
 
 
 def reset(context, state):
@@ -412,7 +414,8 @@ def test_a_control_law_with_a_dead_man_switch_lets_go():
     scenario = LoadScenario("one_dof", [f"controller.kind={__name__}:DeadMan"])
     recording = simulate(scenario, duration=0.4)
     assert recording.solver.engine == "drake"
-    force, time = recording["control_force"][:, 0], recording.time
+    force = recording["control_force"][:, 0]
+    time = recording.time
     assert (force[time < 0.2] == PUSH).all()
     assert (force[time > 0.25] == 0.0).all()
     simulator = Simulator(MakeDiagram(scenario))

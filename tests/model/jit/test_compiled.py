@@ -43,7 +43,8 @@ def AssertSame(law, constants, samples):
     """Compares a law with its machine code, which has to exist, for many arguments."""
     fast = CompiledLaw(law, *constants)
     for arguments in samples:
-        result, expected = fast(*arguments), law(*constants, *arguments)
+        result = fast(*arguments)
+        expected = law(*constants, *arguments)
         assert fast._run is not fast.law
         assert result.shape == expected.shape
         scale = max(np.max(np.abs(expected)), 1.0)
@@ -55,7 +56,8 @@ def AssertSame(law, constants, samples):
 )
 def test_backstepping(n, is_at_limit):
     rng = np.random.default_rng(n)
-    I, gains = np.eye(n), Gains(n, Psi_min=2.0 if is_at_limit else 0.1)
+    I = np.eye(n)
+    gains = Gains(n, Psi_min=2.0 if is_at_limit else 0.1)
     network = GaussianNetwork(lower=[0] * n, upper=[1] * n, count=[2] * n, width=1.2)
     samples = []
     for _ in range(20):
@@ -79,7 +81,8 @@ def test_task_space():
         R = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
         X = np.hstack([R, rng.normal(size=(3, 1))])
         tool = Tool(ReadPlantTree(plant, plant.CreateDefaultContext()).tree, 1, X, n)
-        x, qddot = rng.normal(size=4), rng.normal(size=2)
+        x = rng.normal(size=4)
+        qddot = rng.normal(size=2)
         AssertSame(tool_kinematics, (tool, np.eye(3)), [(x,)])
         AssertSame(tool_acceleration, (tool,), [(x, qddot)])
         forces = rng.normal(size=(2, n))
@@ -102,7 +105,8 @@ def test_what_is_no_graph_of_operations_stays_as_it_is_and_says_so_once(caplog):
 
 def test_a_law_is_compiled_after_some_calls(monkeypatch):
     monkeypatch.setattr(compiled, "_COMPILED_CALL", 3)
-    law, are_compiled = CompiledLaw(lambda x: x + 1.0), []
+    law = CompiledLaw(lambda x: x + 1.0)
+    are_compiled = []
     for k in range(4):
         assert law(np.array([float(k)])) == k + 1.0
         are_compiled.append(law._run is not None)
@@ -160,7 +164,8 @@ def with_import(x):
 
 
 def around():
-    limits, limit = [4.0], 4.0
+    limits = [4.0]
+    limit = 4.0
 
     def in_list(x):
         return x + limits[0]

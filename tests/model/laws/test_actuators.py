@@ -32,7 +32,8 @@ def test_friction_dissipates(v, coulomb, speed, viscous):
 
 
 def test_friction_of_joints_is_the_published_one_and_creeps_at_rest():
-    forward, backward = np.array([2.0, 0.5]), np.array([1.0, 0.7])
+    forward = np.array([2.0, 0.5])
+    backward = np.array([1.0, 0.7])
     for sign, expected in ((1, -forward), (-1, backward)):
         v = sign * np.array([40.0, 50.0])
         tau = friction_torque(forward, backward, 0.01, v)
@@ -49,17 +50,20 @@ def test_quantized():
 
 
 def test_generators_are_exact():
-    x_1, x_2 = 2147483562, 2147483398
+    x_1 = 2147483562
+    x_2 = 2147483398
     generator = np.array([x_1, x_2], dtype=float)
     for _ in range(1000):
         number, generator = next_random(generator)
-        x_1, x_2 = 40014 * x_1 % 2147483563, 40692 * x_2 % 2147483399
+        x_1 = 40014 * x_1 % 2147483563
+        x_2 = 40692 * x_2 % 2147483399
         assert generator.tolist() == [x_1, x_2]
         assert number[0] == ((x_1 - x_2 - 1) % 2147483562 + 1) / 2147483563
 
 
 def test_noise_is_normal_and_white():
-    generator, rows = np.random.default_rng(1).integers(1, 2**31 - 300, 40) * 1.0, []
+    generator = np.random.default_rng(1).integers(1, 2**31 - 300, 40) * 1.0
+    rows = []
     for _ in range(1000):
         normal, generator = next_normal(generator)
         rows.append(normal)

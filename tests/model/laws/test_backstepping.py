@@ -124,7 +124,8 @@ def _dV2(seed: int, n: int, unknown: float = 0.0, sign: float = 1.0, **overrides
     gains = _random_gains(rng, n, **overrides)
     truth = _random_truth(rng, n, N)
     state = _random_state(rng, n, N)
-    Phi, Phi_dot = rng.uniform(0, 1, N), rng.normal(size=N)
+    Phi = rng.uniform(0, 1, N)
+    Phi_dot = rng.normal(size=N)
     s, F_e, v_dd, F_hd = rng.normal(size=(4, n))
     v = s + v_dd - gains.Lambda @ (F_e - F_hd)
 
@@ -183,11 +184,13 @@ def test_networks_of_position_and_velocity(n, seed):
     )
     state = _random_state(rng, n, network.num_functions)
     r, v, v_dd, F_e, F_hd = rng.normal(size=(5, n))
-    gains, numbers = _random_gains(rng, n), network.as_numbers()
+    gains = _random_gains(rng, n)
+    numbers = network.as_numbers()
     x = pack_state(state)
     _, Phi, Phi_dot, _, _ = known(gains, numbers, x, r, v, v_dd, F_e, F_hd)
     np.testing.assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
-    a, h = state.Psi @ (state.F_c - F_e), 1e-30j
+    a = state.Psi @ (state.F_c - F_e)
+    h = 1e-30j
     offsets = (
         np.concatenate((r + h * v, v + h * a)) - network.centres
     ) / network.widths
@@ -206,7 +209,8 @@ def test_one_axis_is_chapter_4(seed):
     # Psi is in [1, 3] and the limit is 2, so that the projection is often active.
     gains = _random_gains(rng, 1, P=[[1.0]], Psi0=[[4.0]], Psi_min=2.0)
     state = _random_state(rng, 1, N)
-    Phi, Phi_dot = rng.uniform(0, 1, N), rng.normal(size=N)
+    Phi = rng.uniform(0, 1, N)
+    Phi_dot = rng.normal(size=N)
     v, v_dd, F_e, F_hd = rng.normal(size=(4, 1))
     rate = backstepping_rate(
         gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
@@ -214,10 +218,15 @@ def test_one_axis_is_chapter_4(seed):
 
     # The scalar equations of chapter 4, with the sign of w3 corrected.
     lam, g1, g2 = (float(x[0, 0]) for x in (gains.Lambda, gains.G1, gains.G2))
-    fc, fe, fh = float(state.F_c[0]), float(F_e[0]), float(F_hd[0])
-    w1, w3 = state.W1[0].tolist(), state.W3[0].tolist()
-    psi, psi0 = float(state.Psi[0, 0]), float(gains.Psi0[0, 0])
-    phi, phi_dot = Phi.tolist(), Phi_dot.tolist()
+    fc = float(state.F_c[0])
+    fe = float(F_e[0])
+    fh = float(F_hd[0])
+    w1 = state.W1[0].tolist()
+    w3 = state.W3[0].tolist()
+    psi = float(state.Psi[0, 0])
+    psi0 = float(gains.Psi0[0, 0])
+    phi = Phi.tolist()
+    phi_dot = Phi_dot.tolist()
     s = float(v[0] - v_dd[0]) + lam * (fe - fh)  # (4.2)
     y1 = sum(p * w for p, w in zip(phi, w1, strict=True))
     y3 = sum(p * w for p, w in zip(phi, w3, strict=True))
@@ -227,7 +236,9 @@ def test_one_axis_is_chapter_4(seed):
         gains.beta1 * (p * (s + g1 * z / psi) - gains.nu1 * w)
         for p, w in zip(phi, w1, strict=True)
     ]
-    tau2, eta2 = s * (fc - fe), z * g1 * (fc - fe) / psi  # (4.21), (4.42)
+    # (4.21), (4.42)
+    tau2 = s * (fc - fe)
+    eta2 = z * g1 * (fc - fe) / psi
     a = tau2 + eta2 + gains.Upsilon * (psi0 - psi)
     psi_dot = gains.beta2 * (0.0 if psi < gains.Psi_min and a < 0.0 else a)
     w3_dot = [
@@ -291,7 +302,8 @@ def test_projection_takes_out_the_component_along_u_v(n, seed):
     rng = np.random.default_rng(seed)
     Psi = _at_the_limit(rng, n, 1, LIMIT)
     U, _, Vt = np.linalg.svd(Psi)
-    u, v = U[:, -1], Vt[-1]
+    u = U[:, -1]
+    v = Vt[-1]
     update = rng.normal(size=(n, n))
     expected = update - min(u @ update @ v, 0.0) * np.outer(u, v)
     np.testing.assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
@@ -332,7 +344,9 @@ def test_smallest_singular_value_stays_above_the_limit(n, seed):
     Psi = _at_the_limit(rng, n, rng.integers(0, n + 1), 1.05 * LIMIT)
     amplitudes = rng.uniform(-1, 1, (3, n, n)) / n
     frequencies = rng.uniform(1, 10, 3)
-    step, size = 5e-3, 3.0  # size bounds |update|
+    # size bounds |update|
+    step = 5e-3
+    size = 3.0
 
     def rate(t, Psi):
         update = np.tensordot(np.cos(frequencies * t), amplitudes, axes=1)
@@ -398,7 +412,8 @@ def test_bad_gains(change, message):
 
 def test_definite_P_and_G1_do_not_make_their_product_definite():
     """An example with s^T P G1 s < 0 although P > 0 and G1 > 0: P G1 is checked."""
-    P, G1 = np.diag([1.0, 100.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
+    P = np.diag([1.0, 100.0])
+    G1 = np.array([[1.0, 0.9], [0.9, 1.0]])
     for matrix in (P, G1):
         assert np.linalg.eigvalsh(matrix)[0] > 0
     s = np.array([1.0, -0.3])

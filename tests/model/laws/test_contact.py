@@ -25,7 +25,8 @@ def bounce(k, p, alpha, mass, speed):
     def leaves(t, state):
         return state[0]
 
-    leaves.terminal, leaves.direction = True, -1.0
+    leaves.terminal = True
+    leaves.direction = -1.0
     run = solve_ivp(
         rate, (0, 10), [0, speed], events=leaves, rtol=1e-11, atol=1e-13, max_step=0.01
     )
@@ -51,7 +52,9 @@ def test_restitution(k, p, alpha, mass):
 
 
 def test_indentation_at_rest():
-    k, p, force = 400.0, 1.5, 0.7
+    k = 400.0
+    p = 1.5
+    force = 0.7
     depth = (force / k) ** (1 / p)
     assert hunt_crossley_force(k, p, 3.0, depth, 0.0) == pytest.approx(force, rel=1e-14)
     assert hunt_crossley_force(k, p, 3.0, -depth, 9.0) == 0.0
@@ -69,13 +72,16 @@ def test_friction(n, data):
     point, p_WT, v_WT = (data.draw(vectors) for _ in range(3))
     normal = data.draw(vectors.filter(lambda x: np.linalg.norm(x) > 0.1))
     normal = normal / np.linalg.norm(normal)
-    mu, v_s = data.draw(st.floats(0, 2)), data.draw(st.floats(1e-4, 0.1))
+    mu = data.draw(st.floats(0, 2))
+    v_s = data.draw(st.floats(1e-4, 0.1))
     law = np.array([300.0, 1.2, 0.5])
     F_e = wall_force(law, np.array([mu, v_s]), np.array([point, normal]), p_WT, v_WT)
-    depth, speed = normal @ (p_WT - point), normal @ v_WT
+    depth = normal @ (p_WT - point)
+    speed = normal @ v_WT
     F_n = hunt_crossley_force(*law, depth, speed)
     assert normal @ F_e == pytest.approx(F_n, rel=1e-9, abs=1e-9)
-    F_t, v_t = F_e - F_n * normal, v_WT - speed * normal
+    F_t = F_e - F_n * normal
+    v_t = v_WT - speed * normal
     # Friction acts against the motion. It is at most Coulomb's, which it reaches in
     # fast sliding.
     assert F_t @ v_t >= -1e-9
@@ -116,7 +122,8 @@ def force(creep, depth):
 
 def test_a_step_relaxes():
     k, k_1, tau = SOLID
-    depth, time = 0.02, np.linspace(0, 2, 9)
+    depth = 0.02
+    time = np.linspace(0, 2, 9)
     forces = [force(z, depth) for z in run(lambda t: depth, time)]
     expected = (k + k_1 * np.exp(-time / tau)) * depth
     np.testing.assert_allclose(forces, expected, rtol=1e-8)
@@ -125,7 +132,8 @@ def test_a_step_relaxes():
 def test_the_surface_recovers_without_the_tool():
     """Without the tool, z decays with the creep time constant tau (k + k_1)/k."""
     k, k_1, tau = SOLID
-    time, creep = np.linspace(0, 5, 6), 0.01
+    time = np.linspace(0, 5, 6)
+    creep = 0.01
     z = run(lambda t: -0.5, time, creep)[:, 0]
     slow = tau * (k + k_1) / k
     np.testing.assert_allclose(z, creep * np.exp(-time / slow), rtol=1e-8)

@@ -63,7 +63,8 @@ def test_rate_against_finite_differences(m, seed):
         count=rng.integers(1, 5, m),
         width=rng.uniform(0.5, 2.0),
     )
-    u, u_dot = rng.uniform(-2, 2, m), rng.uniform(-3, 3, m)
+    u = rng.uniform(-2, 2, m)
+    u_dot = rng.uniform(-3, 3, m)
     Phi, Phi_dot = gaussian_functions(u, u_dot, *network.as_numbers())
     np.testing.assert_allclose(Phi, network.evaluate(u), rtol=1e-13)
     assert Phi.shape == (network.num_functions,)

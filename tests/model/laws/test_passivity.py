@@ -16,7 +16,8 @@ from teleop_drake.model.laws.passivity import (
     st.floats(-1, 1), st.floats(-1, 1), st.floats(-1e-3, 1e-3), st.floats(0.001, 0.1)
 )
 def test_no_more_leaves_than_there_is(force, velocity, budget, horizon):
-    F, v = np.array([force]), np.array([velocity])
+    F = np.array([force])
+    v = np.array([velocity])
     r = injected_resistance(F, v, np.array([budget]), horizon, 1e300)
     power = float((F * v - r * v * v)[0])
     assert r[0] >= 0

@@ -43,7 +43,8 @@ class Case:
             lower=[-1] * n, upper=[1] * n, count=[2] * n, width=1.0
         )
         N = self.N = self.network.num_functions
-        P, skew = _definite(rng, n), rng.normal(size=(n, n))
+        P = _definite(rng, n)
+        skew = rng.normal(size=(n, n))
         self.Psi_star = 2 * np.eye(n) + 0.2 * rng.normal(size=(n, n))
         self.W1_star, self.W3_star = 0.3 * rng.normal(size=(2, n, N))
         self.gains = BacksteppingGains(
@@ -75,7 +76,8 @@ class Case:
 
     def V2(self, state, Phi, s, F_e, bounds=BOUNDS):
         """Lyapunov function, for real and complex numbers."""
-        gains, z = self.gains, self.z(state, Phi, s, F_e, bounds)
+        gains = self.gains
+        z = self.z(state, Phi, s, F_e, bounds)
         return (
             s @ gains.P @ s / 2
             + z @ z / 2
@@ -97,7 +99,8 @@ class Case:
         )
 
     def D(self):
-        gains, b = self.gains, BOUNDS
+        gains = self.gains
+        b = BOUNDS
         return (
             SMOOTHING * (2 * b.rho1 * b.eps1 + b.rho3 * b.eps3)
             + gains.nu1 * np.sum(self.W1_star**2) / 2
@@ -131,7 +134,8 @@ class Case:
     def V2Rate(self, r, v, s, s_dot, F_e, F_e_dot, x, rate, bounds=BOUNDS):
         """dV2/dt by a complex step, without truncation error."""
         h = 1e-30
-        state, x_dot = unpack_state(x, self.n), unpack_state(rate, self.n)
+        state = unpack_state(x, self.n)
+        x_dot = unpack_state(rate, self.n)
         Phi, Phi_dot = gaussian_functions(r, v, *self.network.as_numbers())
         moved = BacksteppingState(
             *(a + 1j * h * b for a, b in zip(state, x_dot, strict=True))
@@ -153,9 +157,11 @@ def Robust(*arguments):
 @pytest.mark.parametrize("n", [1, 3])
 def test_lyapunov_identity_at_random_points(n):
     case = Case(n)
-    gains, rng = case.gains, case.rng
+    gains = case.gains
+    rng = case.rng
     for _ in range(20):
-        t, (r, s, F_e) = rng.uniform(0, 9), rng.normal(size=(3, n))
+        t = rng.uniform(0, 9)
+        (r, s, F_e) = rng.normal(size=(3, n))
         x = pack_state(initial_state(gains, case.N))
         x = x + 0.3 * rng.normal(size=x.size)
         v, s_dot, F_e_dot, rate, (g, w, z, d1, d3) = case.Rates(Robust, t, r, s, F_e, x)
@@ -185,11 +191,14 @@ def test_lyapunov_identity_at_random_points(n):
 def test_robust_terms_hold_what_the_law_of_chapter_5_does_not(n):
     """The estimates are exact and z = 0, so that V2 depends only on s."""
     case = Case(n)
-    gains, b = case.gains, BOUNDS
+    gains = case.gains
+    b = BOUNDS
     x = np.concatenate(
         (np.zeros(n), case.W1_star.ravel(), case.Psi_star.ravel(), case.W3_star.ravel())
     )
-    r, s, F_e = np.zeros(n), np.ones(n), np.zeros(n)
+    r = np.zeros(n)
+    s = np.ones(n)
+    F_e = np.zeros(n)
     limit = SMOOTHING * (2 * b.rho1 * b.eps1 + b.rho3 * b.eps3)
     for law, bounds, holds in ((Robust, BOUNDS, True), (adaptive_rate, NONE, False)):
         state = unpack_state(x, n)
@@ -217,15 +226,19 @@ def test_without_bounds_it_is_the_law_of_backstepping(n):
 @pytest.mark.parametrize("n", [1, 3])
 def test_a_puncture_raises_the_root_of_v2_by_no_more_than_stated(n, subtests):
     case = Case(n)
-    gains, rng, b = case.gains, case.rng, BOUNDS
+    gains = case.gains
+    rng = case.rng
+    b = BOUNDS
     root_of_P = np.linalg.cholesky(gains.P).T
     for size in (0.01, 1.0, 10.0):
         with subtests.test(size=size):
             J, F_e, v, v_dd, F_hd, r = rng.normal(size=(6, n))
             J = size * J
             x = pack_state(initial_state(gains, case.N))
-            state, Phi = unpack_state(x, n), case.network.evaluate(r)
-            roots, errors = [], []
+            state = unpack_state(x, n)
+            Phi = case.network.evaluate(r)
+            roots = []
+            errors = []
             for F in (F_e, F_e + J):
                 error = robust_errors(b, *case.Arrays(), x, r, v, v_dd, F, F_hd)
                 s = error[:n]

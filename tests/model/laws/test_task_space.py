@@ -51,7 +51,8 @@ def test_the_orientation_is_held_without_moving_the_tool(num_axes, num_joints):
 
 
 def test_the_error_is_the_sine_of_the_angle_about_the_axis():
-    R_0, axis = Rotation.random(rng=0).as_matrix(), np.array([0.6, 0.0, 0.8])
+    R_0 = Rotation.random(rng=0).as_matrix()
+    axis = np.array([0.6, 0.0, 0.8])
     for angle in (0.0, 0.3, 1.5):
         R = Rotation.from_rotvec(angle * axis).as_matrix() @ R_0
         error = orientation_error(R_0, R)
@@ -71,7 +72,9 @@ def test_no_pose_is_too_singular(distance):
 
 def test_the_damping_begins_where_it_should():
     """The damping does not affect poses that are far enough from singular ones."""
-    M, J, y = np.eye(2), np.eye(2), (np.array([1.0, 0.5]), np.zeros(2), np.zeros(2))
+    M = np.eye(2)
+    J = np.eye(2)
+    y = (np.array([1.0, 0.5]), np.zeros(2), np.zeros(2))
     for share, is_damped in ((1.001, False), (0.5, True)):
         # det A of these rows is the squared sine of the angle between them.
         angle = np.arcsin(np.sqrt(share * GAINS.near))

@@ -24,10 +24,12 @@ GAINS = TrackingGains(
 def lyapunov_rate(seed, gains=GAINS, sign=1.0):
     """Returns (dV1/dt, -s^T G1 s) of a random robot; `sign` multiplies dW/dt."""
     rng = np.random.default_rng(seed)
-    n, N = 2, 7
+    n = 2
+    N = 7
     root = rng.normal(size=(n, n))
     M_r = root @ root.T + 0.5 * np.eye(n)
-    h_r, Phi = rng.normal(size=n), rng.uniform(size=N)
+    h_r = rng.normal(size=n)
+    Phi = rng.uniform(size=N)
     W, W_star = rng.normal(size=(2, n, N))
     r, v, r_d, v_d, a_d = rng.normal(size=(5, n))
 
@@ -88,7 +90,10 @@ def test_gains_are_copies():
 def test_the_coupled_disturbance_is_that_of_equation_3_8():
     """F_e = K [x + x' z + 2 z' x + z^2, z + z' x + 2 z x' + x^2], by hand."""
     K = np.array([[2.0, 0.0], [1.0, 3.0]])
-    x, z, x_dot, z_dot = 3.0, 5.0, 7.0, 11.0
+    x = 3.0
+    z = 5.0
+    x_dot = 7.0
+    z_dot = 11.0
     first = 3.0 + 35.0 + 66.0 + 25.0
     second = 5.0 + 33.0 + 70.0 + 9.0
     F_e = coupled_disturbance(K, np.array([x, z]), np.array([x_dot, z_dot]))

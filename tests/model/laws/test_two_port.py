@@ -38,7 +38,8 @@ def test_scattering_norm_of_a_dashpot():
 def test_llewellyn_of_a_raw_delay_with_dampers():
     """Dampers at both ends: eta = 2 d1 d2 + cos w T, which is >= 1 if d1 d2 >= 1."""
     matrix = delay_two_port(W, forward_delay=0.2, return_delay=0.2)
-    matrix[:, 0, 0], matrix[:, 1, 1] = 2.0, 0.5
+    matrix[:, 0, 0] = 2.0
+    matrix[:, 1, 1] = 0.5
     np.testing.assert_allclose(llewellyn(matrix), 2 + np.cos(0.4 * W))
 
 

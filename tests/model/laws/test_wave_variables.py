@@ -27,10 +27,8 @@ def test_power_is_the_difference_of_the_waves(first, second, b1, b2, r):
     assert pytest.approx(2 * b) == S @ S
     scale = 1 + abs(first).max() ** 2 + abs(second).max() ** 2
     # At the slave, v and u are given.
-    F, w = (
-        slave_force(first, second, root=S),
-        reflected_wave(first, second, root=S),
-    )
+    F = slave_force(first, second, root=S)
+    w = reflected_wave(first, second, root=S)
     assert F @ first == pytest.approx((second @ second - w @ w) / 2, abs=1e-8 * scale)
     # The definitions of u and w.
     assert S @ second == pytest.approx(b @ first + F, abs=1e-9 * scale)

@@ -125,7 +125,8 @@ def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, traced):
     rng = np.random.default_rng(num)
     numbers = NUMBERS if task == "one_dof" else {"divergence_speed_ratio": (5.0, 9.0)}
     program = Compile(Load(task, kind, delay=0.05))
-    runs, others = [], {}
+    runs = []
+    others = {}
     for i in range(num):
         if i % 3:  # In every third run only the channels change.
             others = {key: rng.uniform(*ends) for key, ends in numbers.items()}
@@ -281,7 +282,8 @@ def test_any_other_numbers_need_no_other_program(task, traced):
     rng = np.random.default_rng(23)
     given = {"actuator.bandwidth": 60.0, "sensor.encoder": {"sample_period": 0.004}}
     program = Compile(LoadScenario(task, SHORT | given))
-    runs, changed = [], set()
+    runs = []
+    changed = set()
     for _ in range(9 if task == "one_dof" else 14):
         keys = rng.choice(list(VALUES), size=3, replace=False)
         changes = {key: VALUES[key][rng.integers(len(VALUES[key]))] for key in keys}
@@ -424,7 +426,8 @@ class Scaled(KernelBlock):
     def __init__(self, gain, law=None):
         KernelBlock.__init__(self)
         self.set_name("scaled")
-        self._gain, self._law = gain, law or scaled
+        self._gain = gain
+        self._law = law or scaled
         for name in LAW_INPUTS:
             self.DeclareVectorInputPort(name, 1)
         self.DeclareOutputs(control_force=1)

@@ -52,7 +52,9 @@ def relay():
     return block
 
 
-PERIOD, DELAY, FREQUENCY = 0.05, 0.037, 3.0
+PERIOD = 0.05
+DELAY = 0.037
+FREQUENCY = 3.0
 END = 0.9
 
 

@@ -41,7 +41,8 @@ def test_the_needle_keeps_its_direction():
     """The direction is constant to 1 degree, although the law moves only the tip."""
     fast = {"surgeon.velocity": [0.15, 0.0, 0.0], "duration": 1.6}
     scenario = LoadScenario(NAME, fast)
-    run, plant = simulate(scenario, engine="compiled"), scenario.robot.LoadPlant()
+    run = simulate(scenario, engine="compiled")
+    plant = scenario.robot.LoadPlant()
     assert RunMetrics(run)["collision"]["peak_force"] > 4
     first, *others = (ToolRotation(plant, q) for q in run["joint_position"][::10])
     for R in others:

@@ -87,7 +87,9 @@ def Record(
     scenario = scenario or LoadScenario("one_dof")
     layers = scenario.environment.layers
     starts = [layer.start for layer in layers]
-    times, rows, places = [], [], []
+    times = []
+    rows = []
+    places = []
     begin = 0.0
     for phase in phases:
         ends = steps(phase.duration)
@@ -140,11 +142,15 @@ def Record(
 
 # A whole insertion: through the tissue, faster through free space, a bounce off the
 # bone, flight, and a second contact that creeps to rest.
-B, OMEGA, TAU, A = 0.4e-3, 17.0, 0.3, 4e-3
+B = 0.4e-3
+OMEGA = 17.0
+TAU = 0.3
+A = 4e-3
 T_PUNCTURE = PUNCTURE / V_D
 T_FREE = (SURFACE - PUNCTURE) / (V_D + 2 * B / math.pi)
 T_CONTACT = T_PUNCTURE + T_FREE
-T_BOUNCE, T_FLIGHT = math.pi / OMEGA, 2 * V_D / A
+T_BOUNCE = math.pi / OMEGA
+T_FLIGHT = 2 * V_D / A
 F_JUMP = 3e-3
 
 
@@ -196,7 +202,8 @@ STEPS = [
 @pytest.mark.parametrize("steps", STEPS)
 def test_task_against_closed_forms(steps):
     metrics = RunMetrics(Record(TaskPhases(), steps))
-    puncture, collision = metrics["puncture"], metrics["collision"]
+    puncture = metrics["puncture"]
+    collision = metrics["collision"]
     # At constant velocity there are only rounding errors.
     assert 0 <= metrics["start_velocity_overshoot"] < 1e-9
     assert puncture == pytest.approx(
@@ -256,13 +263,15 @@ def test_variation_between_packets(step, tolerance):
     pulse = Wave(0.0, 1.0, 0.0, 0.02)
     pulse.F_c = lambda t: t * np.exp(-t / 0.012)
     metrics = RunMetrics(Record([pulse] * 20, RegularSteps(step)))
-    peak, last = pulse.F_c(0.012), pulse.F_c(0.02)
+    peak = pulse.F_c(0.012)
+    last = pulse.F_c(0.02)
     exact = 20 * (peak + (peak - last)) + 19 * last
     assert metrics["control_force_variation"] == pytest.approx([exact], rel=tolerance)
 
 
 def test_overshoot_ends_at_the_puncture_or_the_contact():
-    slow, fast = Wave(1e-4, 2.0, 0.0, 5.0), TaskPhases()
+    slow = Wave(1e-4, 2.0, 0.0, 5.0)
+    fast = TaskPhases()
     # The velocity overshoots by 0.1 mm/s in the tissue and by 0.4 mm/s behind it.
     x_end = float(slow.x(np.array(5.0)))
     rest = Phase(
@@ -511,7 +520,8 @@ def test_two_axes():
     t = np.arange(0, 3 * math.pi, 0.005)
     n = len(t)
     one = np.ones(n)
-    x, y = 0.85 + 0.1 * t / 4, 0.01 * np.sin(2 * t)
+    x = 0.85 + 0.1 * t / 4
+    y = 0.01 * np.sin(2 * t)
     recording = Record([Still(0.9, 1.0)], RegularSteps(0.5), scenario)
     recording.time = t
     recording.steps = np.arange(n - 1).reshape(-1, DEGREE)[:, :1] + np.arange(
@@ -609,7 +619,8 @@ def test_a_run_by_dense_samples(kind, subtests):
     """
     recording = runs.Run("two_dof_combined", kind, engine="auto")
     metrics = RunMetrics(recording)
-    contact, end = metrics["collision"]["time"], recording.time[-1]
+    contact = metrics["collision"]["time"]
+    end = recording.time[-1]
     for event, name in (("puncture", "puncture"), ("contact", "collision")):
         assert metrics[name]["time"] == pytest.approx(recording.EventTimes(event)[0])
     t = np.linspace(contact, end, 200_001)

@@ -41,8 +41,11 @@ WIDTHS = np.array([0.15, 0.1])
 
 def Loop(t, state, name):
     """Returns (d/dt [q, q', W], signals by name)."""
-    q, qdot, W = state[:2], state[2:4], state[4:].reshape(2, -1)
-    J, (x, z) = arm.J(q), arm.p_WT(q)
+    q = state[:2]
+    qdot = state[2:4]
+    W = state[4:].reshape(2, -1)
+    J = arm.J(q)
+    (x, z) = arm.p_WT(q)
     v = x_dot, z_dot = J @ qdot
     F_e = 10 * np.array([x, z])
     if name == "network_tracking_coupled":
@@ -55,7 +58,8 @@ def Loop(t, state, name):
     Phi = np.exp(-((([x, z] - CENTRES) / WIDTHS) ** 2).sum(axis=1))
     bias = arm.C(q, qdot) @ qdot + arm.G(q)
     # J' q' is the centripetal acceleration of both links.
-    angles, rates = np.array([q[0], q.sum()]), np.array([qdot[0], qdot.sum()])
+    angles = np.array([q[0], q.sum()])
+    rates = np.array([qdot[0], qdot.sum()])
     pull = np.array([arm.L1, arm.L3]) * rates**2
     J_dot_qdot = -np.array([pull @ np.cos(angles), pull @ np.sin(angles)])
     J_inv = np.linalg.inv(J)

@@ -58,7 +58,8 @@ def test_a_turned_task_has_the_same_metrics():
     across = np.cross(NORMAL, [0.0, 0.0, 1.0]) / np.hypot(0.6, 0.48)
     turn = np.column_stack([NORMAL, across, np.cross(NORMAL, across)])
     straight, turned = (Insertion(x) for x in (np.eye(3), turn))
-    metrics, expected = RunMetrics(turned), RunMetrics(straight)
+    metrics = RunMetrics(turned)
+    expected = RunMetrics(straight)
     assert None not in expected["collision"].values()
     for key in ("puncture", "collision"):
         assert metrics[key] == pytest.approx(expected[key], rel=1e-5, abs=1e-8)
@@ -77,7 +78,8 @@ def test_the_tool_slides_at_coulombs_limit():
     assert isinstance(wall, FrictionWallConfig)
     recording = simulate(scenario, engine="compiled")
     surface = recording.FindSurface("contact")
-    v, F = recording["tool_velocity"][-1], recording["environment_force"][-1]
+    v = recording["tool_velocity"][-1]
+    F = recording["environment_force"][-1]
     v_t = v - surface.Along(v) * surface.normal_W
     F_t = F - surface.Along(F) * surface.normal_W
     speed = np.linalg.norm(v_t)

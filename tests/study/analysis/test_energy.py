@@ -52,7 +52,9 @@ def Energies(robot_name, *, layers, v0, duration):
     plant = robot.GetSubsystemByName("plant")
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     plant.SetVelocities(context, v0)
-    times, kinetic, stored = [], [], []
+    times = []
+    kinetic = []
+    stored = []
 
     def Monitor(root_context):
         times.append(root_context.get_time())

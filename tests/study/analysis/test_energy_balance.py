@@ -30,7 +30,12 @@ def Run(name, kind, **overrides):
 def Sinusoids(phi, forward, back, w):
     """Returns a recording of sinusoids through raw delays, on two axes."""
     t = np.linspace(0, 12, 2401)
-    F, v = (lambda t: 2 * np.sin(w * t)), (lambda t: 0.7 * np.sin(w * t + phi))
+
+    def F(t):
+        return 2 * np.sin(w * t)
+
+    def v(t):
+        return 0.7 * np.sin(w * t + phi)
 
     def Pack(first, second):
         return np.stack([first, 0 * t, second, 0 * t], axis=1)
@@ -58,7 +63,9 @@ def Sinusoids(phi, forward, back, w):
 @pytest.mark.parametrize("phi", [-1.2, 0.4])
 def test_sinusoids_in_closed_form(phi):
     """A raw delay generates energy at some phases. F_c is the received force."""
-    w, forward, back = 3.0, 0.3, 0.1
+    w = 3.0
+    forward = 0.3
+    back = 0.1
     balance = TwoPortEnergyBalance(Sinusoids(phi, forward, back, w))
     t = balance.time
     # The integral of sin a sin b = (cos(a - b) - cos(a + b))/2 from 0.
@@ -118,7 +125,8 @@ def test_every_architecture_has_a_balance(kind, channel):
     if channel == "network":
         overrides |= {"forward_channel": NETWORK, "return_channel": NETWORK}
     recording = Run("two_dof_collision", kind, **overrides)
-    balance, energy = TwoPortEnergyBalance(recording), BySamples(recording)
+    balance = TwoPortEnergyBalance(recording)
+    energy = BySamples(recording)
     scale = max(np.ptp(energy), 1e-4)
     np.testing.assert_allclose(balance.energy, energy, rtol=0, atol=1e-3 * scale)
 
@@ -151,7 +159,8 @@ def test_a_wave_line_stores_its_waves(delays):
     dissipated = Integral(np.einsum("ki,ij,kj->k", v, D, v))
     expected = np.interp(recording.time, fine, stored + dissipated)
     balance = TwoPortEnergyBalance(recording)
-    energy, scale = balance.energy, balance.energy.max()
+    energy = balance.energy
+    scale = balance.energy.max()
     assert scale > 1e-3 and stored.max() > 0.02 * scale
     np.testing.assert_allclose(energy, expected, atol=1e-3 * scale)
     assert balance.violation[-1] == 0

@@ -11,7 +11,9 @@ from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.transparency import FeltStiffness
 
 BONE = 150.0
-MASS, DAMPING = 0.5, 0.1  # Of the slider.
+# Of the slider.
+MASS = 0.5
+DAMPING = 0.1
 RESISTANCE = 0.92  # b of H(s) = 2/s + 0.92 + ...
 
 # The shares of the round trip are not equal, because only their sum has an effect.
@@ -88,7 +90,11 @@ def Adaptive(s):
     F_c' = alpha' - Psi P s - G2 z with alpha' = -Psi^-1 G1 Psi (F_c - F_e). This rate
     of alpha lacks that of F_e, whose estimate W3 Phi is 0. v_d is 0.
     """
-    Psi, Lambda, G1, G2, P = 4.3, 1.0, 2.0, 20.0, 1.0
+    Psi = 4.3
+    Lambda = 1.0
+    G1 = 2.0
+    G2 = 20.0
+    P = 1.0
     F_e = BONE  # Of x = 1.
     F_c = Tool(s)
     gain = Psi * P + G2 * G1 / Psi
@@ -116,7 +122,8 @@ def Waves(s, T):
 )
 def test_the_bone_feels_soft_to_a_fast_hand(kind, adaptation_rate, expected):
     """At 1, 5 and 7 rad/s with 0.1 s each way; closed forms without adaptation."""
-    omega, T = np.array([1.0, 5.0, 7.0]), 0.2
+    omega = np.array([1.0, 5.0, 7.0])
+    T = 0.2
     s = 1j * omega
     late = np.exp(s * T)
     closed = {
@@ -149,7 +156,8 @@ def test_it_does_not_depend_on_what_the_damper_acts_against(round_trip):
 
 @pytest.mark.parametrize("round_trip", [0.0, 0.2])
 def test_the_wave_line_is_a_transmission_line(round_trip):
-    s, b = 1j * OMEGA, RESISTANCE
+    s = 1j * OMEGA
+    b = RESISTANCE
     load = MASS * s + DAMPING + BONE / s
     tangent = np.tanh(s * round_trip / 2)
     line = b * (load + b * tangent) / (b + load * tangent)

@@ -29,7 +29,10 @@ from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.study.analysis.stability import AnalyzeStability
 
-M, b, K, v_d = 0.02, 0.2, 100.0, 0.5
+M = 0.02
+b = 0.2
+K = 100.0
+v_d = 0.5
 
 
 def bus(T, *, M=M, K=K, hand=1.0):
@@ -38,16 +41,20 @@ def bus(T, *, M=M, K=K, hand=1.0):
     The state is [x_m, v_m, x_s, v_s, two states of the hand, both positions of the
     cycle before].
     """
-    A, B = np.zeros((6, 6)), np.zeros((6, 3))
+    A = np.zeros((6, 6))
+    B = np.zeros((6, 3))
     A[0, 1] = A[2, 3] = A[4, 5] = 1
     A[1, :2] = A[3, 2:4] = -K / M, -b / M
     # The hand is (2 s + 10)/(s^2 + 20 s) with the input v_d - v_m.
     A[1, 4:] = 10 * hand / M, 2 * hand / M
-    A[5, 1], A[5, 5], B[5, 2] = -1, -20, 1
+    A[5, 1] = -1
+    A[5, 5] = -20
+    B[5, 2] = 1
     B[1, 0] = B[3, 1] = K / M
     A, B, *_ = cont2discrete((A, B, np.eye(6), np.zeros((6, 3))), T, "zoh")
     cycle = np.zeros((8, 8))
-    cycle[:6, :6], cycle[:6, 6:] = A, B[:, :2]
+    cycle[:6, :6] = A
+    cycle[:6, 6:] = B[:, :2]
     cycle[6, 2] = cycle[7, 0] = 1
     return cycle, np.append(B[:, 2], [0, 0])
 
@@ -76,7 +83,8 @@ def host(T, *, b=b, B=0.0, K=K, m=M, k_e=0.0, late=False, tied=True):
     stiffness k_e holds each joint.
     """
     joint = [[0, 1], [-k_e / m, -b / m]]
-    A, G = np.kron(np.eye(2), joint), np.kron(np.eye(2), [[0], [1 / m]])
+    A = np.kron(np.eye(2), joint)
+    G = np.kron(np.eye(2), [[0], [1 / m]])
     A, G, *_ = cont2discrete((A, G, np.eye(4), np.zeros((4, 2))), T, "zoh")
     positions = np.eye(4)[[0, 2]]
     tie = np.array([[1, -1], [-1, 1]]) if tied else np.eye(2)
@@ -106,7 +114,9 @@ def on_bus(T, **overrides):
 
 def assert_same(recording, cycle, by_input, u, states):
     """Asserts that the recording equals the iterated map at all cycles."""
-    T, x, rows = recording.scenario.forward_channel.sample_period, 0 * by_input, []
+    T = recording.scenario.forward_channel.sample_period
+    x = 0 * by_input
+    rows = []
     times = np.arange(0, recording.time[-1], T)
     for _ in times:
         rows.append(x)
@@ -239,14 +249,16 @@ def test_two_joints_tied_by_a_host_shake_beyond_the_longest_cycle(share):
         motion = recording.Interpolate("motion", start + np.linspace(0, 0.1, 200))
         return np.ptp(motion[:, 1] - motion[:, 3])
 
-    first, last = swing(2.0), swing(3.0)
+    first = swing(2.0)
+    last = swing(3.0)
     assert (last < first) == (share < 1)
 
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_the_encoder_samples_as_theirs_does(share):
     """A leader with a very large mass is a fixed wall to the follower."""
-    B, k_e = 0.05, 50.0
+    B = 0.05
+    k_e = 50.0
     T = share * brentq(lambda T: radius(wall(T, B, m=M, k_e=k_e)[0]) - 1, 1e-4, 0.1)
     spring = {"name": "spring", "start": -np.inf, "stiffness": k_e, "reference": 0.01}
     overrides = {

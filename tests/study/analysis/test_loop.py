@@ -89,7 +89,12 @@ def test_adaptive_law_without_adaptation_is_its_textbook_form(subtests):
     does not appear.
     """
     scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
-    m, c, Psi, G1, G2, Lambda = 0.5, 0.1, 4.3, 2.0, 20.0, 1.0
+    m = 0.5
+    c = 0.1
+    Psi = 4.3
+    G1 = 2.0
+    G2 = 20.0
+    Lambda = 1.0
     for point, Z in (
         (0, 0.5 + 0.01 / S),
         (1, 0 * S),
@@ -116,15 +121,20 @@ def ArmMotion(x, F):
 
     F is the total force F_c - F_e on the tool.
     """
-    q, qdot = x[:2], x[2:]
+    q = x[:2]
+    qdot = x[2:]
     J, M, C = (
         f(*args)
         for f, *args in ((appendix_a.J, q), (appendix_a.M, q), (appendix_a.C, q, qdot))
     )
     qddot = np.linalg.solve(M, J.T @ F - C @ qdot)
-    L1, L3, w = appendix_a.L1, appendix_a.L3, qdot[0] + qdot[1]
-    c1, s1 = np.cos(q[0]) * qdot[0], np.sin(q[0]) * qdot[0]
-    c12, s12 = np.cos(q[0] + q[1]) * w, np.sin(q[0] + q[1]) * w
+    L1 = appendix_a.L1
+    L3 = appendix_a.L3
+    w = qdot[0] + qdot[1]
+    c1 = np.cos(q[0]) * qdot[0]
+    s1 = np.sin(q[0]) * qdot[0]
+    c12 = np.cos(q[0] + q[1]) * w
+    s12 = np.sin(q[0] + q[1]) * w
     Jdot = -np.array([[L1 * c1 + L3 * c12, L3 * c12], [L1 * s1 + L3 * s12, L3 * s12]])
     return np.concatenate([appendix_a.p_WT(q), J @ qdot, J @ qddot + Jdot @ qdot])
 
@@ -133,7 +143,8 @@ def ArmMotion(x, F):
 def test_arm_is_appendix_a(velocity):
     """The arm is in tissue and moves; complex steps give exact derivatives."""
     scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
-    p0, v0 = np.array([0.93, 0.05]), np.array(velocity)
+    p0 = np.array([0.93, 0.05])
+    v0 = np.array(velocity)
     point = OperatingPoint(name="here", position=p0, velocity=v0)
     model = LinearizeLoop(scenario, point)
 
@@ -172,7 +183,8 @@ def test_free_joints_are_states_like_others():
     plant = scenario.robot.LoadPlant()
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, scenario.robot.JointPositions(r))
-    M, J = plant.CalcMassMatrix(context), ToolJacobian(plant, context, 2)
+    M = plant.CalcMassMatrix(context)
+    J = ToolJacobian(plant, context, 2)
     exact = J @ np.linalg.solve(S[:, None, None] * M + 0.02 * np.eye(3), J.T)
     assert model.slave.num_states == 6
     response = model.slave.frequency_response(W)[:, 2:, :2]
@@ -354,11 +366,15 @@ def test_predictor_is_its_equation():
     """v_felt = v_ret + v_model - d, M dv_model/dt = F_h - B v_model - K y."""
     scenario = LoadScenario("one_dof", {"controller.kind": "smith_predictor"})
     model = Linearizer(scenario, at_ports=True).TwoPort(OperatingPoints(scenario)[0])
-    m, c, k = 0.5, 0.6, 0.01
-    rows, columns = [0, 2, 3, 6], [0, 4, 5, 6]
+    m = 0.5
+    c = 0.6
+    k = 0.01
+    rows = [0, 2, 3, 6]
+    columns = [0, 4, 5, 6]
     G = model.system.frequency_response(W)[:, rows][:, :, columns]
     v_model = 1 / (m * S + c + k / S)
-    one, zero = np.ones_like(S), np.zeros_like(S)
+    one = np.ones_like(S)
+    zero = np.zeros_like(S)
     # From [F_h, p, v_ret, d] to [v_felt, F_h, v_d, v_model].
     expected = np.array(
         [

@@ -73,7 +73,8 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     """
     analysis = Analyze("one_dof")
     point = analysis[layer]
-    m, c = 0.5, 0.1
+    m = 0.5
+    c = 0.1
     w = np.geomspace(0.05, 100, 40)
     s = 1j * w
     expected = (25 * s + 50) / ((s + 25) * (m * s**2 + (c + d) * s + k))

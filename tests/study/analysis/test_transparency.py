@@ -64,10 +64,12 @@ def test_llewellyn_of_direct_force():
     scenario, result = Analyze("one_dof", "direct_force")
     model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
-    z_f, z_r = np.exp(-0.07j * W), np.exp(-0.13j * W)
+    z_f = np.exp(-0.07j * W)
+    z_r = np.exp(-0.13j * W)
     expected = np.array([[z_f * z_r, -z_r], [-z_f, np.ones(len(W))]]) / ROBOT
     np.testing.assert_allclose(y, np.moveaxis(expected, -1, 0), rtol=1e-8)
-    felt, product = expected[0, 0].real, expected[0, 1] * expected[1, 0]
+    felt = expected[0, 0].real
+    product = expected[0, 1] * expected[1, 0]
     eta = (2 * felt * expected[1, 1].real - product.real) / np.abs(product)
     np.testing.assert_allclose(
         result.llewellyn[:, 0], np.where(felt < 0, -np.inf, eta), rtol=1e-7
@@ -125,7 +127,10 @@ def test_proportional_damping_is_passive_as_published(share, is_stable):
 
     E. Nuno, L. Basanez and R. Ortega, Automatica 47 (2011). It is sharp here.
     """
-    B_m, B_s, c, T = 0.92, 0.7, 0.1, 0.2
+    B_m = 0.92
+    B_s = 0.7
+    c = 0.1
+    T = 0.2
     K = share * np.sqrt(4 * B_m * (B_s + c)) / T
     scenario = LoadScenario(
         "one_dof",

@@ -92,7 +92,8 @@ def test_a_channel_is_any_system_with_one_input_and_one_output():
         forward_channel=DiscreteTimeDelay(H, 5, 2),
         return_channel=DiscreteTimeDelay(H, 5, 2),
     )
-    mine, expected = simulate(scenario, teleoperator=own), simulate(scenario)
+    mine = simulate(scenario, teleoperator=own)
+    expected = simulate(scenario)
     assert {*mine.signals} == {*expected.signals}
     times = np.linspace(0.005, 0.295, 30)
     np.testing.assert_allclose(

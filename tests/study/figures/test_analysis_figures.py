@@ -54,7 +54,8 @@ def test_bode_shows_the_phase_margin():
     analysis = Analysis()
     axes = np.reshape(PlotBode(analysis).axes, (2, 3))
     for ax, point in zip(axes[1], analysis.points, strict=True):
-        (thin,), (thick,) = Lines(ax, 0.6), Lines(ax, 1.1)
+        (thin,) = Lines(ax, 0.6)
+        (thick,) = Lines(ax, 1.1)
         w = point.margin.frequency
         phase = np.interp(w, thin.get_xdata(), thin.get_ydata())
         assert phase + 180 == pytest.approx(
@@ -66,7 +67,8 @@ def test_bode_shows_the_phase_margin():
 
 def test_nyquist_shows_the_delayed_loop():
     ax = PlotNyquist(Analysis()).axes[1]
-    (thin,), (thick,) = Lines(ax, 0.6)[:1], Lines(ax, 1.1)
+    (thin,) = Lines(ax, 0.6)[:1]
+    (thick,) = Lines(ax, 1.1)
     undelayed = np.array(thin.get_xdata()) + 1j * np.array(thin.get_ydata())
     delayed = np.array(thick.get_xdata()) + 1j * np.array(thick.get_ydata())
     np.testing.assert_allclose(np.abs(delayed), np.abs(undelayed))

@@ -33,7 +33,8 @@ def MakeRecording(name: str, kind: str, growth: float = 0.0) -> TaskRecording:
     """Makes up a run which oscillates by 1 %, times exp(growth) at the end."""
     scenario = LoadScenario(name, {"controller.kind": kind})
     n = scenario.num_axes
-    x0, v_d = scenario.robot.start, scenario.surgeon.velocity
+    x0 = scenario.robot.start
+    v_d = scenario.surgeon.velocity
     assert Border(scenario, "puncture") is not None
     t_puncture = float((Border(scenario, "puncture") - x0[0]) / v_d[0])
     duration = 3 * t_puncture
@@ -125,8 +126,10 @@ def test_curves_are_the_signals(comparison):
     direct = MakeRecording("one_dof", "direct_force")
     time, position = (Panel(comparison, "velocity", k) for k in (0, 1))
     assert "[mm/s]" in time.get_ylabel()
-    curve, against_x = Curves(time)[-2], Curves(position)[-2]
-    t, v = curve.get_xdata(), curve.get_ydata()
+    curve = Curves(time)[-2]
+    against_x = Curves(position)[-2]
+    t = curve.get_xdata()
+    v = curve.get_ydata()
     assert np.all(np.diff(t) >= 0)
     assert len(t) > 1000  # Smooth, although there are 120 samples.
     unique = np.unique(direct.time)
@@ -141,7 +144,8 @@ def test_curves_are_the_signals(comparison):
 
 def test_a_jump_stays_a_jump(comparison):
     curve = Curves(Panel(comparison, "sensed force"))[-1]
-    t, F = curve.get_xdata(), curve.get_ydata()
+    t = curve.get_xdata()
+    F = curve.get_ydata()
     (i,) = np.flatnonzero(np.diff(t) == 0)
     assert F[i] > 0.3
     assert np.all(F[i + 1 :] == 0)

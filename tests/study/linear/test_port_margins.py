@@ -83,7 +83,8 @@ def test_an_integrator_tolerates_a_quarter_turn():
 @pytest.mark.slow
 def test_state_feedback_of_a_double_integrator():
     """|k1 + j w k2| = w^2 at the crossover, where the phase is atan(k2 w/k1)."""
-    k1, k2 = 4.0, 2.0
+    k1 = 4.0
+    k2 = 2.0
     w = math.sqrt((k2**2 + math.sqrt(k2**4 + 4 * k1**2)) / 2)
     diagram = MakeLoop(*DOUBLE, [[k1, k2]], inner=0.1)
     expected = math.atan(k2 * w / k1) / w - 0.1
@@ -160,12 +161,15 @@ def test_a_delay_that_is_not_settled_is_no_equilibrium():
 
 def test_two_delays_of_which_one_is_left_as_it_is():
     """dx/dt = -a x(t - T1) - b x(t - T): j w + a e^(-j w T1) + b e^(-j w T) = 0."""
-    a, b, T1 = 1.0, 3.0, 0.4
+    a = 1.0
+    b = 3.0
+    T1 = 0.4
     diagram = MakeLoop(*INTEGRATOR, [[b]], side=(a, T1))
     margins = ModelAt(
         diagram, diagram.GetSubsystemByName("law").get_output_port()
     ).margins()
-    w, T = margins.frequency, margins.delay
+    w = margins.frequency
+    T = margins.delay
     terms = np.array([1j * w, a * np.exp(-1j * w * T1), b * np.exp(-1j * w * T)])
     assert abs(terms.sum()) < 1e-9
     # No smaller T has a root on the axis: |j w + a e^(-j w T1)| = b has one solution.

@@ -28,7 +28,8 @@ from teleop_drake.study.analysis.loop import Linearizer
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 
 W = np.array([0.1, 1.0, 7.0, 30.0])
-T, K = 0.13, 0.7
+T = 0.13
+K = 0.7
 
 
 def MakeLoop():

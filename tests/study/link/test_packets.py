@@ -110,7 +110,8 @@ def test_a_replay_to_a_process_that_was_started_anew():
 
 def test_what_does_not_count():
     operator, robot = Introduced(*Sessions())
-    values, used = np.array([np.nan, 1.0]), np.zeros(32, int)
+    values = np.array([np.nan, 1.0])
+    used = np.zeros(32, int)
     data = operator.Seal(70, values, start=100, tick=0, used=used, ended=False)
     assert robot.Open(data, "operator", 80).reason == Reason.VALUES
     operator, robot = Sessions(agreement=8)

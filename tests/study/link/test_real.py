@@ -29,7 +29,8 @@ OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
 
 def test_over_loopback(tmp_path, unrendered):
     """Both sides run in this process, where each delays the ticks of the other."""
-    scenario, lines = LoadScenario("one_dof", OVERRIDES), []
+    scenario = LoadScenario("one_dof", OVERRIDES)
+    lines = []
     options = {"period": 0.002, "limit": 60, "say": lines.append}
     listening, _ = OpenSocket("127.0.0.1:0", listens=True)
     calling = OpenSocket(f"127.0.0.1:{listening.getsockname()[1]}", listens=False)
@@ -53,7 +54,8 @@ def test_over_loopback(tmp_path, unrendered):
         assert not report["outages_s"]  # The end of a complete run is no outage.
 
 
-SERVE, OPERATE = ["serve", "one_dof", "--listen"], ["operate", "one_dof", "--connect"]
+SERVE = ["serve", "one_dof", "--listen"]
+OPERATE = ["operate", "one_dof", "--connect"]
 BAD = [
     ([*SERVE, "x", "--key", "KEY"], "listen = 'x': must be HOST:PORT"),
     (
@@ -83,7 +85,9 @@ class Loop:
 
     def __init__(self, folder, *more, prefixes=((), ())):
         NewKey(str(folder / "key"))
-        self._folder, self._prefixes, self.processes = folder, prefixes, {}
+        self._folder = folder
+        self._prefixes = prefixes
+        self.processes = {}
         self._more = [*more, "--period", "0.002", "--key", folder / "key"]
         self._more += ["--set", "controller.kind=direct_force"]
 
@@ -128,7 +132,9 @@ def IsPredicted(report):
 
 def Relay(server, operator, fates, process):
     """Relays datagrams with given fates until a process ends, and sends forged ones."""
-    queue, counts, targets = [], [0, 0], [server, None]
+    queue = []
+    counts = [0, 0]
+    targets = [server, None]
     other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     # A socket of its own, so that notices of a wrong key do not reach the relay.
     forger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -163,7 +169,8 @@ def test_through_a_relay_with_forged_packets(seed, tmp_path):
     operator = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     operator.bind(("127.0.0.1", 0))
     address = "{}:{}".format(*operator.getsockname())
-    process, fates = loop.Start("operate", "--connect", address), map(Fates, (seed, 11))
+    process = loop.Start("operate", "--connect", address)
+    fates = map(Fates, (seed, 11))
     Relay((host, int(port)), operator, [*fates], process)
     for command in ("operate", "serve"):
         report = loop.Report(command)

@@ -36,7 +36,8 @@ def CheckTraces(sides, folder):
     for side in sides:
         SaveRun(side, folder)
         scenario = LoadScenario(folder / f"{side.side}_predicted.yaml")
-        predicted, recording = simulate(scenario), side.Recording()
+        predicted = simulate(scenario)
+        recording = side.Recording()
         for name in [x for x in recording if "_packet_" in x]:
             expected = predicted.Interpolate(name, recording.time - 1e-9)
             span = np.maximum(np.ptp(expected, axis=0), 1e-9)
@@ -122,7 +123,8 @@ def Cut(kind, begin, end, duration, name="one_dof"):
 def test_the_robot_holds_its_place(kind):
     """It stays within 0.1 mm; with direct force and no hold it moves by 0.6 mm."""
     sides, _ = Cut(kind, 500, 850, 1.8)
-    run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages_s"]
+    run = sides[1].Recording()
+    ((begin, end),) = sides[1].Report()["outages_s"]
     held = run["tool_position"][(run.time > begin) & (run.time < end)]
     assert np.ptp(held) < 1e-4
     assert np.ptp(held[-100:]) < 5e-6
@@ -134,7 +136,8 @@ def test_what_is_too_old_fades_and_comes_back():
     """The forward direction is cut for 0.4 s: forces fall smoothly on both sides."""
     sides, network = Cut("wave_variables", 200, 400, 1.1)
     recording = sides[1].Recording()
-    time, (wave, position) = recording.time, recording["forward_packet_received"].T
+    time = recording.time
+    (wave, position) = recording["forward_packet_received"].T
     ((begin, end),) = sides[1].Report()["outages_s"]
     assert begin == pytest.approx(0.38 + 0.1, abs=0.03)
     assert end == pytest.approx(0.8, abs=0.03)
@@ -267,10 +270,12 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
     """The files can be loaded as those of any run, and differences are found."""
     network, sides = Made(duration=0.3)
     network.Run(sides)
-    side, picture = sides[0], tmp_path / "prediction.svg"
+    side = sides[0]
+    picture = tmp_path / "prediction.svg"
     assert set(SaveRun(side, tmp_path)["prediction"].values()) == {0.0}
     assert (tmp_path / "operator_prediction.png").stat().st_size > 10_000
-    recording, predicted = LoadRecording(tmp_path / "operator.npz"), Predict(side)
+    recording = LoadRecording(tmp_path / "operator.npz")
+    predicted = Predict(side)
     Compare(recording, predicted, picture)
     text = picture.read_text(encoding="utf-8")
     for label in ("F_h x", "p_WT x", "v_WT x", "[mN]", "[µm]", "[mm/s]"):
@@ -313,7 +318,9 @@ class Clock:
         return self.now
 
 
-OPERATOR, ROBOT, VICTIM = ("10.0.0.1", 1), ("10.0.0.2", 2), ("10.0.0.3", 3)
+OPERATOR = ("10.0.0.1", 1)
+ROBOT = ("10.0.0.2", 2)
+VICTIM = ("10.0.0.3", 3)
 
 
 class Pair:

@@ -56,7 +56,8 @@ def test_a_run_that_ran_away_ends_with_a_cross(seen):
 
 
 def test_after_its_end_a_run_has_no_values_and_no_arm(seen):
-    before, after = seen["before"], seen["after"]
+    before = seen["before"]
+    after = seen["after"]
     assert "direct force x " in before["head"]
     assert "direct force has ended" in after["head"]
     assert (before["arms"], before["tools"], before["ends"]) == (2, 2, 0)

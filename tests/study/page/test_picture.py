@@ -17,7 +17,8 @@ def seen(look, tmp_path_factory):
 
 
 def test_a_slider_changes_neither_the_frame_nor_units_nor_widths(seen):
-    before, after = seen["before"], seen["after"]
+    before = seen["before"]
+    after = seen["after"]
     assert before["bone"] == after["bone"]
     assert before["widths"] == after["widths"] and min(before["widths"]) > 40
     shared = set(before["units"]) & set(after["units"])

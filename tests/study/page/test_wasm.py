@@ -83,9 +83,11 @@ def test_random_values_of_every_input(request, name, more, vary):
     page = MakePage(name, overrides=more, vary=vary, controllers=kinds)
     data = DataOf(page.html)
     for loop in data["controllers"] * (3 if is_long else 1):
-        chosen, numbers = {"controller.kind": loop["kind"]}, loop["numbers"]
+        chosen = {"controller.kind": loop["kind"]}
+        numbers = loop["numbers"]
         for one in data["inputs"]:
-            key, stops = one["name"], one.get("stops")
+            key = one["name"]
+            stops = one.get("stops")
             # Fields have no keys of the scenario; see test_fields.py.
             if key not in loop["changes"] or one["isField"]:
                 continue

@@ -61,7 +61,8 @@ def test_what_lies_beyond_the_map_has_no_end():
 
 def test_on_the_bone_it_is_the_loop_of_the_runs():
     """If the operator holds a force, the loop of direct force is open."""
-    commanding, holding = dict(Find()), dict(Find(overrides=()))
+    commanding = dict(Find())
+    holding = dict(Find(overrides=()))
     assert np.all(commanding.pop("bone") < 0.05)
     assert holding.pop("bone, force held").tolist() == [np.inf, np.inf]
     assert list(holding) == list(commanding) == ["tissue", "free"]

@@ -51,7 +51,9 @@ def Row(rows, **wanted):
 
 def test_wilson_interval_by_hand():
     """Wilson 1927: the roots of (p - k/n)^2 = z^2 p (1 - p) / n."""
-    k, n, z = 4, 40, 1.959963984540054
+    k = 4
+    n = 40
+    z = 1.959963984540054
     low, high = ShareInterval(k, n)
     for p in (low, high):
         assert (p - k / n) ** 2 == pytest.approx(z**2 * p * (1 - p) / n, rel=1e-9)

@@ -356,7 +356,8 @@ def test_resume_does_only_the_rest(in_this_process):
     ]:
         Path("torn/runs.jsonl").write_bytes(remains)
         Path("torn/runs.csv").unlink()
-        counts, notices = [], []
+        counts = []
+        notices = []
         Sweep(
             "one_dof",
             grid,
@@ -538,7 +539,8 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
 
     assert MakeParser().parse_args(["sweep", "one_dof"]).engine == "auto"
     assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
-    engines, said = [], []
+    engines = []
+    said = []
 
     def Simulate(plan, point, programs):
         engines.append(plan.engine)

@@ -44,7 +44,8 @@ def Contact(settling_time, peak_force):
     return {"collision": {"settling_time": settling_time, "peak_force": peak_force}}
 
 
-TIME, FORCE = "collision.settling_time", "collision.peak_force"
+TIME = "collision.settling_time"
+FORCE = "collision.peak_force"
 
 
 @pytest.mark.parametrize("weights", [(12, 2), (1, 1)])
@@ -58,7 +59,8 @@ def test_the_minimum_of_two_parabolas(weights, fake_runs):
     fake_runs(Metrics)
     minimize = [f"{TIME}:{weights[0]}", f"{FORCE}:{weights[1]}"]
     result = Tune(**TASK, gains=["damping=0.1:10"], minimize=minimize)
-    a, b = weights[0] / 4, weights[1] / 2
+    a = weights[0] / 4
+    b = weights[1] / 2
     assert result.best.gains[B] == pytest.approx((a + 3 * b) / (a + b), rel=0.02)
     assert result.front == [result.best] and len(result.tried) <= 65
     assert result.reference.gains == {}

@@ -32,9 +32,12 @@ def Network(n):
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_the_block_is_the_law(n):
-    gains, network = Gains(n), Network(n)
-    block, N = AdaptiveBackstepping(gains=gains, network=network), network.num_functions
-    inputs, rng = RandomInputs(block, 0), np.random.default_rng(1)
+    gains = Gains(n)
+    network = Network(n)
+    block = AdaptiveBackstepping(gains=gains, network=network)
+    N = network.num_functions
+    inputs = RandomInputs(block, 0)
+    rng = np.random.default_rng(1)
     state = BacksteppingState(
         rng.normal(size=n),
         rng.normal(size=(n, N)),
@@ -118,7 +121,8 @@ def test_each_law_may_have_a_rate_of_its_own():
 
 def test_psi_derives_from_inertia_and_damping():
     """(I + Lambda D_e) M_r^-1 at the start pose (5.52)."""
-    facts, Lambda = Facts(), np.array([[2.0, 0.5], [0.5, 1.0]])
+    facts = Facts()
+    Lambda = np.array([[2.0, 0.5], [0.5, 1.0]])
     gains = Config(Lambda=Lambda).Resolve(facts, "controller")
     weight = np.eye(2) + Lambda @ facts.environment_damping
     expected = weight @ np.linalg.inv(facts.inertia)

@@ -46,7 +46,9 @@ def test_arrival_is_that_of_the_closed_form(against, delays):
     H(s) = 2/s + ... integrates v_d - v(t - T_r) until its force is that of the
     dampers at v_d. At the bone what happened at the puncture has died out.
     """
-    K, rail, B = 2.0, 0.1, 2.0
+    K = 2.0
+    rail = 0.1
+    B = 2.0
     overrides = {
         "controller.kind": "damped_force",
         f"{DAMPER}.damping": B,
@@ -64,7 +66,8 @@ def test_arrival_is_that_of_the_closed_form(against, delays):
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_collision"])
 def test_against_the_command_it_is_the_thesis_law_with_z_0(name):
     """With B Lambda = 1 and B = Psi^-1 G1, to three digits; z goes by 1/G2."""
-    b, psi = 2.0, 5.0
+    b = 2.0
+    psi = 5.0
     follows = f"{DAMPER}.against=command"
     ours = Run(name, "damped_force", f"{DAMPER}.damping={b}", follows)
     thesis = (
@@ -156,7 +159,8 @@ def ArmMargin(position, velocity, stiffness, damping):
 def test_the_default_just_keeps_the_tool_from_oscillating(name):
     """Roots of M s^2 + B s + K, the tool on the haptic device's spring."""
     scenario = LoadScenario(name, {"controller.kind": "damped_force"})
-    B, M = ResolveController(scenario).damping, scenario.Facts().inertia
+    B = ResolveController(scenario).damping
+    M = scenario.Facts().inertia
     device = scenario.haptic_device
     K = device.numerator[-1] / device.denominator[-2]  # H(s) = K/s + ...
     n = len(M)

@@ -19,10 +19,13 @@ KIND = "four_channel"
 VARIANTS = ("four_channel", "position_position", "position_force", "force_force")
 # The slider of the one-axis task, and what it may be pushed against.
 ROBOT = (0.5, 0.1)
-TISSUE, BONE = (0.01, 0.5), (150.0, 0.0)
+TISSUE = (0.01, 0.5)
+BONE = (150.0, 0.0)
 
-M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.0])
-B_c, K_c = np.diag([1.0, 2.0]), np.array([[5.0, 1.0], [1.0, 4.0]])
+M = np.array([[2.0, 0.3], [0.3, 1.0]])
+B = np.diag([0.4, 0.0])
+B_c = np.diag([1.0, 2.0])
+K_c = np.array([[5.0, 1.0], [1.0, 4.0]])
 START = np.array([0.5, -0.2])
 
 
@@ -41,7 +44,8 @@ def test_the_master_by_its_equation():
     F_h = inputs["haptic_force"]
     p, v, F_e = inputs["return_packet"].reshape(-1, 2)
     x = np.random.default_rng(2).normal(size=4)
-    x_m, v_m = x[:2], x[2:]
+    x_m = x[:2]
+    v_m = x[2:]
     now = Block(block, inputs, x)
     force = 0.8 * F_h - 0.9 * F_e - (B + B_c) @ v_m - K_c @ (x_m - START)
     force += 1.1 * ((B + B_c) @ v + K_c @ (p - START))
@@ -59,7 +63,8 @@ def test_the_slave_by_its_equation():
     block = Make(FourChannelSlave)
     inputs = RandomInputs(block, 1)
     x_m, v_m, F_h = inputs["forward_packet"].reshape(-1, 2)
-    p, v = inputs["tool_position"], inputs["tool_velocity"]
+    p = inputs["tool_position"]
+    v = inputs["tool_velocity"]
     F_e = inputs["environment_force"]
     now = Block(block, inputs)
     force = 0.9 * F_h + 0.2 * F_e - B_c @ v - K_c @ (p - START)
@@ -108,17 +113,24 @@ def test_felt_impedance_is_lawrences(variant, environment, delay, omega):
     config = ResolveController(scenario)
     s = 1j * omega
     z = np.exp(-s * delay)
-    (k, d), (m, c) = environment, ROBOT
-    Z_e, Z_s, Z_m = k / s + d, m * s + c, 0.5 * s + 0.1
+    (k, d) = environment
+    (m, c) = ROBOT
+    Z_e = k / s + d
+    Z_s = m * s + c
+    Z_m = 0.5 * s + 0.1
 
     def Local(gains):
         return gains.damping[0, 0] + gains.stiffness[0, 0] / s
 
-    C_m, C_s = Local(config.C_m), Local(config.C_s)
+    C_m = Local(config.C_m)
+    C_s = Local(config.C_s)
     # The models in C1 and C4 are dampings.
     C1 = config.C1 * (config.slave_damping[0, 0] + C_s)
     C4 = -config.C4 * (config.master_damping[0, 0] + C_m)
-    C2, C3, C5, C6 = config.C2, config.C3, config.C5, config.C6
+    C2 = config.C2
+    C3 = config.C3
+    C5 = config.C5
+    C6 = config.C6
     # (Z_s + C_s + (1 + C5) Z_e) V_s = z (C1 V_m + C3 F_h), and
     # (Z_m + C_m) V_m = (1 + C6) F_h - z (C2 Z_e + C4) V_s.
     N = Z_s + C_s + (1 + C5) * Z_e
@@ -165,7 +177,8 @@ def test_without_delay_the_tool_follows_the_command(variant, name):
 def test_a_lasting_force_arrives_as_it_was_sent():
     """Position-position on the bone: 0.2 N along x and nothing along y."""
     scenario = Scenario("variant=position_position", name="two_dof_collision")
-    scenario.duration, scenario.simulator.accuracy = 9.0, 1e-6
+    scenario.duration = 9.0
+    scenario.simulator.accuracy = 1e-6
     recording = simulate(scenario, engine="auto")
     assert recording["environment_force"][-1, 0] == pytest.approx(0.2, rel=0.02)
     assert recording["control_force"][-1] == pytest.approx([0.2, 0.0], abs=0.005)

@@ -20,8 +20,11 @@ from teleop_drake.model.tasks.metrics import RunMetrics
 from teleop_drake.study.analysis.loop import Linearizer
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 
-K_HAND, RAIL = 2.0, 0.1  # H(s) = K/s + ... in N/m, friction of the slider in N s/m
-T_F, T_R = 0.05, 0.3
+# H(s) = K/s + ... in N/m, friction of the slider in N s/m
+K_HAND = 2.0
+RAIL = 0.1
+T_F = 0.05
+T_R = 0.3
 D = 1.5  # N s/m
 
 # Of each kind: its settings with dampers D, and by how much the tool is behind the

@@ -19,8 +19,10 @@ from teleop_drake.model.stations import ResolveController
 from teleop_drake.model.tasks.metrics import RunMetrics
 
 KIND = "proportional_damping"
-M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.0])
-K, START = np.array([[5.0, 1.0], [1.0, 4.0]]), [0.5, -0.2]
+M = np.array([[2.0, 0.3], [0.3, 1.0]])
+B = np.diag([0.4, 0.0])
+K = np.array([[5.0, 1.0], [1.0, 4.0]])
+START = [0.5, -0.2]
 CONFIG = ProportionalDampingConfig(
     master_mass=M, stiffness=K, master_damping=B, slave_damping=2 * B
 )
@@ -29,8 +31,10 @@ CONFIG = ProportionalDampingConfig(
 def test_the_master_by_its_equation():
     block = ProportionalMaster(CONFIG, start=START)
     inputs = RandomInputs(block, 1)
-    F_h, x_s = inputs["haptic_force"], inputs["return_packet"]
-    x_m, v_m = np.array([0.1, 0.2]), np.array([0.3, -0.4])
+    F_h = inputs["haptic_force"]
+    x_s = inputs["return_packet"]
+    x_m = np.array([0.1, 0.2])
+    v_m = np.array([0.3, -0.4])
     now = Block(block, inputs, np.concatenate([x_m, v_m]))
     force = F_h - K @ (x_m - x_s) - B @ v_m
     expected = np.concatenate([v_m, np.linalg.solve(M, force)])
@@ -75,7 +79,8 @@ def test_thesis_tasks_are_stable(name, delay):
         ],
     )
     config = ResolveController(scenario)
-    K, B = config.stiffness[0, 0], config.slave_damping[0, 0]
+    K = config.stiffness[0, 0]
+    B = config.slave_damping[0, 0]
     assert (2 * delay * K) ** 2 < 4 * B**2
     assert pytest.approx(0.92) == B
     if delay == 0.1:

@@ -17,7 +17,8 @@ def Load(name="two_dof_combined", **changes):
 
 
 def Bounds(scenario):
-    facts, controller = scenario.Facts(), scenario.controller.Chosen()
+    facts = scenario.Facts()
+    controller = scenario.controller.Chosen()
     gains = controller.Resolve(facts, "controller")
     return controller.robust.Bounds(gains, facts, "controller.robust")
 

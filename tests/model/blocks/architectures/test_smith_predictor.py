@@ -19,7 +19,8 @@ from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.model.stations import MakeArchitecture, ResolveController
 
 KIND = "smith_predictor"
-M, B = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.1])
+M = np.array([[2.0, 0.3], [0.3, 1.0]])
+B = np.diag([0.4, 0.1])
 K = np.array([[5.0, 1.0], [1.0, 4.0]])
 
 
@@ -31,7 +32,8 @@ def Make(delay=0.2, **changes):
 def test_the_master_by_its_equation():
     block = Make()
     inputs = RandomInputs(block, 1)
-    y, v = np.array([0.1, 0.2]), np.array([0.3, -0.4])
+    y = np.array([0.1, 0.2])
+    v = np.array([0.3, -0.4])
     now = Block(block, inputs, np.concatenate([y, v]))
     force = inputs["haptic_force"] - B @ v - K @ y
     expected = np.concatenate([v, np.linalg.solve(M, force)])
@@ -90,7 +92,8 @@ def test_an_exact_model_gives_the_response_without_delay_only_later(
     delays, damper, without
 ):
     """In the tissue, of which the slider's default model knows everything."""
-    short, forward = "duration=2.0", delays[0]
+    short = "duration=2.0"
+    forward = delays[0]
     damper = f"controller.{KIND}.{damper}"
     late = simulate(Scenario(short, damper, *Delays(*delays)))
     free = Run("one_dof", without, short, *Delays(0.0, 0.0))
@@ -110,7 +113,9 @@ def test_an_exact_model_gives_the_response_without_delay_only_later(
 @pytest.mark.parametrize("is_exact", [True, False])
 def test_the_characteristic_equation_has_no_delay(is_exact):
     """F_h / v_felt is the tool's impedance, if that is what the model has."""
-    m, c, k = 0.5, 0.6, 0.01
+    m = 0.5
+    c = 0.6
+    k = 0.01
     scenario = Scenario() if is_exact else Scenario(f"controller.{KIND}.mass=0.7")
     config = ResolveController(scenario)
     # Without its delay line the block is a model beside the return channel.

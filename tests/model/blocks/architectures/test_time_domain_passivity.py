@@ -25,7 +25,8 @@ NETWORK = (
     "std: 0.02}, loss: {kind: independent, probability: 0.2}}"
 )
 
-E_0, HORIZON = 0.02, 0.05
+E_0 = 0.02
+HORIZON = 0.05
 CONFIG = TimeDomainPassivityConfig(
     horizon=HORIZON, maximum_mobility=4.0, maximum_damping=4.0, initial_energy=E_0
 )
@@ -88,9 +89,11 @@ def test_mobility_and_damping_have_a_maximum():
 
 
 def test_a_local_damper_is_behind_the_port():
-    damper, v = np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([0.4, -0.3])
+    damper = np.array([[2.0, 0.3], [0.3, 1.0]])
+    v = np.array([0.4, -0.3])
     at = ([1.0, -2.0], v, [0.5, 0.5], [0.1, 0.2, 0.3, 0.4])
-    bare, damped = Slave(*at), Slave(*at, local_damping=damper)
+    bare = Slave(*at)
+    damped = Slave(*at, local_damping=damper)
     expected = bare["control_force"] - damper @ v
     np.testing.assert_allclose(damped["control_force"], expected)
     np.testing.assert_array_equal(damped["slave_power"], bare["slave_power"])

@@ -21,7 +21,8 @@ from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.model.stations import ResolveController
 from teleop_drake.model.tasks.metrics import RunMetrics
 
-b, D = np.array([[2.0, 0.3], [0.3, 1.0]]), np.diag([0.4, 0.1])
+b = np.array([[2.0, 0.3], [0.3, 1.0]])
+D = np.diag([0.4, 0.1])
 CONFIG = WaveVariablesConfig(
     impedance=b, master_damping=D, forward_scaling=0.9, return_scaling=0.9
 )
@@ -59,7 +60,8 @@ def test_the_slave_by_its_equation():
     block = WaveSlave(CONFIG, num_axes=2)
     inputs = RandomInputs(block, 1)
     received, _ = inputs["forward_packet"].reshape(2, 2)
-    p, v = inputs["tool_position"], inputs["tool_velocity"]
+    p = inputs["tool_position"]
+    v = inputs["tool_velocity"]
     u = 0.9 * received
     now = Block(block, inputs)
     root = sqrtm(2 * b)

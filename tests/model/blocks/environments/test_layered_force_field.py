@@ -43,7 +43,8 @@ def Force(x, v, *, layers=None, num_axes=2):
     )
     context = dut.CreateDefaultContext()
     p, velocity = np.full((2, num_axes), 3.0)
-    p[0], velocity[0] = x, v
+    p[0] = x
+    velocity[0] = v
     dut.GetInputPort("tool_position").FixValue(context, p)
     dut.GetInputPort("tool_velocity").FixValue(context, velocity)
     force = dut.GetOutputPort("environment_force").Eval(context)
@@ -69,7 +70,8 @@ def test_force_of_each_layer(x, v, force, layer, num_axes):
 def test_oblique_layers_are_turned_ones():
     """The same force, turned; across it the lateral spring of the tissue."""
     turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
-    normal, axis_point = turn[:, 0], np.array([0.1, -0.2, 0.3])
+    normal = turn[:, 0]
+    axis_point = np.array([0.1, -0.2, 0.3])
     layers = Layers()
     layers[0].lateral_stiffness = 40.0
     oblique = LayeredForceField(
@@ -78,7 +80,8 @@ def test_oblique_layers_are_turned_ones():
     CheckKernel(oblique, num_states=3)
     context = oblique.CreateDefaultContext()
     for x, v in [(0.005, 0.2), (0.010, 0.2), (0.016, 0.2)]:
-        p, v_WT = turn @ [x, 0.02, -0.03], turn @ [v, 5.0, 7.0]
+        p = turn @ [x, 0.02, -0.03]
+        v_WT = turn @ [v, 5.0, 7.0]
         oblique.GetInputPort("tool_position").FixValue(context, p)
         oblique.GetInputPort("tool_velocity").FixValue(context, v_WT)
         F_e = oblique.GetOutputPort("environment_force").Eval(context)
@@ -282,6 +285,7 @@ def test_the_tool_starts_inside_along_the_direction():
     layers.direction = np.array([0.0, -2.0])
     assert layers.Surfaces([9.0, 0.5])[0].name == "tissue"
     skin = Config()
-    skin.layers, skin.direction = skin.layers[:1], layers.direction
+    skin.layers = skin.layers[:1]
+    skin.direction = layers.direction
     assert [x.name for x in skin.Surfaces([9.0, 0.5])] == ["contact"]
     assert [x.name for x in skin.Surfaces([9.0, -0.5])] == ["tissue"]

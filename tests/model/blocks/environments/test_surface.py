@@ -35,7 +35,8 @@ def test_depth_is_the_way_along_the_normal(n, data):
     numbers = st.lists(st.floats(-3, 3), min_size=n, max_size=n).map(np.array)
     normal = data.draw(numbers.filter(lambda v: np.linalg.norm(v) > 0.1))
     normal = normal / np.linalg.norm(normal)
-    point, p = data.draw(numbers), data.draw(numbers)
+    point = data.draw(numbers)
+    p = data.draw(numbers)
     surface = Surface("wall", point, normal)
     depth = surface.Depth(p)
     # What is left after going back by the depth lies in the plane.

@@ -66,7 +66,8 @@ def test_kernel_and_surface_in_any_direction(config, n):
     config.Check()
     block = config.MakeEnvironment(np.zeros(n))
     CheckKernel(block)
-    (surface,), (told,) = block.Surfaces(), config.Surfaces(np.zeros(n))
+    (surface,) = block.Surfaces()
+    (told,) = config.Surfaces(np.zeros(n))
     assert str(surface) == str(told) and surface.name == "contact"
     context = block.CreateDefaultContext()
     across = np.linalg.svd(surface.normal_W[np.newaxis])[2][1:].sum(axis=0)

@@ -10,7 +10,9 @@ from teleop_drake.study.analysis.loop import Linearizer
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.stability import AnalyzeStability
 
-DELAY, REACTION, LAG = 0.1, 0.15, 0.1
+DELAY = 0.1
+REACTION = 0.15
+LAG = 0.1
 
 
 def Load(**overrides):
@@ -62,7 +64,8 @@ def test_linear_model_of_the_master(goal):
 
 
 def test_the_two_port_does_not_know_who_holds_it():
-    scenario, thesis = Load(), Load(**{"surgeon.kind": "constant_velocity"})
+    scenario = Load()
+    thesis = Load(**{"surgeon.kind": "constant_velocity"})
     (point,) = OperatingPoints(scenario)
     mine, theirs = (
         Linearizer(x, at_ports=True).TwoPort(point) for x in (scenario, thesis)

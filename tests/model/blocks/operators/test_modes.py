@@ -113,7 +113,8 @@ def test_the_hand_follows_the_line_that_is_set_and_holds_its_end(subtests):
     dut = HandOperator(num_axes=2)
     CheckKernel(dut)
     context = dut.CreateDefaultContext()
-    port, line = dut.GetOutputPort("velocity_command"), dut.GetInputPort("line")
+    port = dut.GetOutputPort("velocity_command")
+    line = dut.GetInputPort("line")
     assert port.Eval(context).tolist() == [0, 0]
     line.FixValue(context, [1.0, 2.0, 0.0, 0.1, 0.2, 0.1])
     for time, expected in ((0.5, 0.0), (1.25, 0.05), (2.0, 0.2), (5.0, 0.2)):

@@ -22,7 +22,11 @@ from teleop_drake.model.scenario import ScenarioError
 
 START = np.array([0.2, 0.1])
 WAY = np.array([0.3, -0.4])
-SPEED, SHARE, TOLERANCE, REACTION, SHORTEST = 0.25, 0.7, 0.05, 0.2, 0.3
+SPEED = 0.25
+SHARE = 0.7
+TOLERANCE = 0.05
+REACTION = 0.2
+SHORTEST = 0.3
 
 
 def Config(**changes):
@@ -65,7 +69,9 @@ def MakeLoop(config, forward, back, surface=None):
 
 def Moves(delay):
     """When each move begins and how long it takes in s, and d/share in m, on paper."""
-    time, remaining, moves = 0.0, math.hypot(*WAY), []
+    time = 0.0
+    remaining = math.hypot(*WAY)
+    moves = []
     tolerance = TOLERANCE * remaining
     rest_speed = 0.1 * tolerance / REACTION
     while remaining > tolerance:
@@ -111,7 +117,8 @@ def test_moves_as_on_paper(engine, forward, back):
 
 def test_each_move_waits_for_a_round_trip():
     """The time of the last move grows by a round trip for each move before it."""
-    first, later = Moves(0.1)[-1][0], Moves(1.1)[-1][0]
+    first = Moves(0.1)[-1][0]
+    later = Moves(1.1)[-1][0]
     assert later - first == pytest.approx(2 * 1.0)
     recording = simulate(MakeLoop(Config(), 0.6, 0.5), duration=12.0)
     moving = np.linalg.norm(recording["velocity_command"], axis=1) > 1e-9

@@ -165,7 +165,8 @@ def test_bad_parameters(arguments, message):
 
 def Commands(dut, times):
     """Returns v_d of an operator at some times."""
-    context, values = dut.CreateDefaultContext(), []
+    context = dut.CreateDefaultContext()
+    values = []
     for time in times:
         context.SetTime(time)
         values.append(dut.GetOutputPort("velocity_command").Eval(context).copy())

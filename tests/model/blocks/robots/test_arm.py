@@ -23,7 +23,8 @@ from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.model.task_recording import LoadRecording
 
 DIAGRAMS = Path(__file__).parents[4] / "diagrams"
-URDF, TASK = DIAGRAMS / "own_arm.urdf", str(DIAGRAMS / "own_arm.yaml")
+URDF = DIAGRAMS / "own_arm.urdf"
+TASK = str(DIAGRAMS / "own_arm.yaml")
 PLANAR = Path(robots_file).parents[2] / "models" / "two_link_arm.sdf"
 START = [0.45, 0.0, 0.2]
 SHORT = ("--duration", "0.2", "--quiet")
@@ -58,7 +59,8 @@ def test_it_is_the_two_link_arm_from_its_file(elbow, posture):
     config = arm(file=str(PLANAR), start=start, posture=posture)
     q = config.JointPositions(start)
     np.testing.assert_allclose(q, expected.JointPositions(start), atol=1e-9)
-    told, robot = FactsOfRobot(config.MakeRobot()), FactsOfRobot(expected.MakeRobot())
+    told = FactsOfRobot(config.MakeRobot())
+    robot = FactsOfRobot(expected.MakeRobot())
     np.testing.assert_allclose(told.inertia, robot.inertia, rtol=1e-8)
 
 
@@ -66,7 +68,8 @@ def test_free_joints_stay_near_the_posture():
     """No pose with the tool there is nearer to it."""
     posture = np.array([0.2, -0.7, 1.5])
     config = arm(start=[0.5], posture=posture)
-    q, plant = config.JointPositions([0.5]), config.LoadPlant()
+    q = config.JointPositions([0.5])
+    plant = config.LoadPlant()
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
     J = ToolJacobian(plant, context, 1)

@@ -35,7 +35,8 @@ def test_two_link_arm():
     config = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down")
     facts = FactsOfRobot(config.MakeRobot())
     q = config.JointPositions(config.start)
-    J, M = appendix_a.J(q), appendix_a.M(q)
+    J = appendix_a.J(q)
+    M = appendix_a.M(q)
     inverse = np.linalg.inv(facts.inertia)
     np.testing.assert_allclose(inverse, J @ np.linalg.inv(M) @ J.T, atol=1e-10)
     np.testing.assert_array_equal(facts.damping, np.zeros((2, 2)))
@@ -83,7 +84,8 @@ def redundant_arm(dampings):
 def test_more_joints_than_axes():
     """A force on the tool gives the acceleration that the inertia says, and a velocity
     in which the other joints go along freely loses the power that the damping says."""
-    plant, dampings = redundant_arm([0.3, 0.2, 0.1]), np.array([0.3, 0.2, 0.1])
+    plant = redundant_arm([0.3, 0.2, 0.1])
+    dampings = np.array([0.3, 0.2, 0.1])
     q = np.array([0.3, 0.8, -0.5])
     robot = MakeRobotDiagram(plant=plant, num_axes=2, joint_positions=q)
     facts = FactsOfRobot(robot)
@@ -119,7 +121,8 @@ def test_a_singular_pose_tells_nothing():
 def test_facts_are_those_of_the_robot_whatever_was_asked_before():
     for mass in (1.0, 2.0, 1.0):
         robot = LoadScenario("one_dof", {"robot.mass": mass}).robot
-        facts, expected = FactsOfConfig(robot), FactsOfRobot(robot.MakeRobot())
+        facts = FactsOfConfig(robot)
+        expected = FactsOfRobot(robot.MakeRobot())
         for name in ("start", "inertia", "damping"):
             np.testing.assert_array_equal(getattr(facts, name), getattr(expected, name))
         assert facts.inertia is FactsOfConfig(robot).inertia

@@ -47,7 +47,8 @@ def test_an_upright_mjcf_arm_with_locked_fingers_is_the_two_link_arm(tmp_path, p
     start = [0.85 + place[0], 0.1 + place[1]]
     robot = upright(tmp_path, start=start, base=[*place, *INTO_XY[2:]]).MakeRobot()
     expected = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down").MakeRobot()
-    facts, reference = FactsOfRobot(robot), FactsOfRobot(expected)
+    facts = FactsOfRobot(robot)
+    reference = FactsOfRobot(expected)
     np.testing.assert_allclose(facts.start, start, atol=1e-12)
     np.testing.assert_allclose(facts.inertia, reference.inertia, rtol=1e-6)
 

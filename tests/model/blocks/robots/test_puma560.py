@@ -29,7 +29,8 @@ def random_states(count):
 
 def test_it_is_the_arm_of_the_papers(plant):
     """Forward kinematics, mass matrix, weight and inverse dynamics."""
-    context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
+    context = plant.CreateDefaultContext()
+    forces = MultibodyForces(plant)
     tool = plant.GetFrameByName("tool")
     rest = np.zeros(6)
     for q, v, v_dot in random_states(count=5):

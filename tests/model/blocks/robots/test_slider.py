@@ -20,7 +20,8 @@ def test_slider_has_the_dynamics_of_2_12():
 
 
 def test_mass_and_damping_are_in_the_default_context():
-    mass, damping = 0.1 + 0.2, 1e-3
+    mass = 0.1 + 0.2
+    damping = 1e-3
     robot = SliderConfig(start=[0.25], mass=mass, damping=damping).MakeRobot()
     plant = robot.GetSubsystemByName("plant")
     context = plant.GetMyContextFromRoot(robot.CreateDefaultContext())

@@ -40,9 +40,11 @@ def arm_robot():
 def test_arm_has_the_dynamics_of_appendix_a(arm):
     """And c21 as it is printed is wrong."""
     context = arm.CreateDefaultContext()
-    world, tool = arm.world_frame(), arm.GetFrameByName("tool")
+    world = arm.world_frame()
+    tool = arm.GetFrameByName("tool")
     for x in random_states():
-        q, qdot = x[:2], x[2:]
+        q = x[:2]
+        qdot = x[2:]
         arm.SetPositionsAndVelocities(context, x)
         J = arm.CalcJacobianTranslationalVelocity(
             context, JacobianWrtVariable.kV, tool, np.zeros(3), world, world
@@ -83,7 +85,8 @@ def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a():
 @given(task_vectors, task_vectors, st.integers(0, 19))
 def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
     x = random_states()[index]
-    q, qdot = x[:2], x[2:]
+    q = x[:2]
+    qdot = x[2:]
     context = context_with_forces(arm_robot, F_c, F_e)
     context.SetContinuousState(x)
     J = appendix_a.J(q)

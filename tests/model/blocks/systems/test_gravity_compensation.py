@@ -9,7 +9,8 @@ from teleop_drake.model.blocks.systems.gravity_compensation import GravityCompen
 
 
 def test_it_is_the_slope_of_the_potential_energy():
-    model, q = Puma560Config().LoadPlant([0, 0, -9.81]), np.linspace(-0.5, 0.9, 6)
+    model = Puma560Config().LoadPlant([0, 0, -9.81])
+    q = np.linspace(-0.5, 0.9, 6)
     context = model.CreateDefaultContext()
 
     def Energy(q):

@@ -33,7 +33,8 @@ def test_law_with_the_dynamics_of_appendix_a(block, seed):
     x["joint_position"][1] = 1.3
     W = np.random.default_rng(seed + 9).normal(size=(2, NETWORK.num_functions))
     now = Block(block, x, W.ravel())
-    q, qdot = x["joint_position"], x["joint_velocity"]
+    q = x["joint_position"]
+    qdot = x["joint_velocity"]
     J_inv = np.linalg.inv(arm.J(q))
     h = 1e-6
     J_dot = (arm.J(q + h * qdot) - arm.J(q - h * qdot)) / (2 * h)

@@ -29,7 +29,8 @@ two = st.lists(st.floats(-5, 5), min_size=2, max_size=2).map(np.array)
 def make_plant(actuated=(0, 1, 2)):
     """A planar arm of three links: one joint more than a task in the plane has axes."""
     plant = MultibodyPlant(0.0)
-    tip, joints = plant.world_frame(), []
+    tip = plant.world_frame()
+    joints = []
     for i, length in enumerate(LENGTHS):
         link = plant.AddRigidBody(f"link{i}", INERTIA)
         joints.append(
@@ -87,7 +88,8 @@ def test_tool_kinematics_and_torques(dut, q, qdot, F_c, F_e):
     p_WT, v_WT, J = np.split(kinematics, [2, 4])
     # As complex numbers: the links turn by the sums of the joint angles.
     links = LENGTHS * np.exp(1j * np.cumsum(q))
-    p, v = sum(links), 1j * links @ np.cumsum(qdot)
+    p = sum(links)
+    v = 1j * links @ np.cumsum(qdot)
     np.testing.assert_allclose(p_WT, [p.real, p.imag], atol=1e-10)
     np.testing.assert_allclose(v_WT, [v.real, v.imag], atol=1e-10)
     np.testing.assert_allclose(J.reshape(2, 3) @ qdot, v_WT, atol=1e-10)
@@ -100,7 +102,8 @@ def test_tool_kinematics_and_torques(dut, q, qdot, F_c, F_e):
 
 
 def test_contexts_do_not_disturb_one_another(dut):
-    first, second = dut.CreateDefaultContext(), dut.CreateDefaultContext()
+    first = dut.CreateDefaultContext()
+    second = dut.CreateDefaultContext()
     dut.GetInputPort("plant_state").FixValue(first, [0, 0, 0, 1, 0, 0])
     dut.GetInputPort("plant_state").FixValue(second, [np.pi / 2, 0, 0, 1, 0, 0])
     kinematics = dut.GetOutputPort("tool_kinematics")
@@ -111,7 +114,8 @@ def test_contexts_do_not_disturb_one_another(dut):
 
 def test_tool_acceleration_is_the_tool_bodys(dut):
     plant = make_plant()
-    context, seen = plant.CreateDefaultContext(), dut.CreateDefaultContext()
+    context = plant.CreateDefaultContext()
+    seen = dut.CreateDefaultContext()
     x = [0.3, 0.7, -0.4, 1.1, -0.2, 0.5]
     plant.SetPositionsAndVelocities(context, x)
     plant.get_actuation_input_port().FixValue(context, [1.0, -2.0, 0.5])

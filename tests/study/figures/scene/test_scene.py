@@ -19,7 +19,8 @@ from teleop_drake.study.figures.scene.visuals import RobotVisuals
 
 def Drawn(monkeypatch, *recordings):
     """Returns the stage, and shapes, poses and scales by their paths."""
-    meshcat, animation = Mock(), Mock()
+    meshcat = Mock()
+    animation = Mock()
     monkeypatch.setattr(scene, "MeshcatAnimation", lambda _: animation)
     stage = AnimateRuns(dict(enumerate(recordings)), meshcat)
     meshcat.SetAnimation.assert_called_once_with(animation)
@@ -55,7 +56,8 @@ def test_a_model_file_has_its_own_looks(tmp_path):
     visual = """<link name="forearm"><visual><origin xyz="0.1 0 0"/><geometry>
       <sphere radius="0.02"/></geometry><material name="red"><color rgba="1 0 0 0.5"/>
       </material></visual>"""
-    file, start = tmp_path / "arm.urdf", [0.45, 0.0, 0.2]
+    file = tmp_path / "arm.urdf"
+    start = [0.45, 0.0, 0.2]
     robot = ArmConfig(file=str(file), start=start, posture=np.array([0.0, -0.7, 1.5]))
     file.write_text(text.replace('<link name="forearm">', visual))
     (part,) = RobotVisuals(robot).parts
@@ -86,7 +88,8 @@ def test_a_robot_that_is_no_plant_is_a_point(monkeypatch):
     np.testing.assert_allclose(z_S, [1.0, 0.0, 0.0], atol=1e-12)
     # The wall is a plate, with its face where the tool ends.
     wall = "/teleop/run_0/environment/contact"
-    X, box = poses[wall], shapes[wall]
+    X = poses[wall]
+    box = shapes[wall]
     assert X.translation()[2] + box.width() / 2 == pytest.approx(0.1)
 
 
@@ -142,5 +145,6 @@ def test_a_task_is_seen_to_its_end(name, last, seen, monkeypatch):
     recording = MakeRecording(name)
     recording.signals["tool_position"] = np.linspace([0.85, 0.0], [last, 0.0], 101)
     stage, *_ = Drawn(monkeypatch, recording)
-    x, half = stage.X_WS.translation()[0], stage.width / 2
+    x = stage.X_WS.translation()[0]
+    half = stage.width / 2
     assert x - half < 0.85 and seen[0] < x + half < seen[1]
