@@ -7,7 +7,6 @@ from typing import NamedTuple
 from pydrake.systems.framework import (
     Diagram,
     InputPortIndex,
-    LeafSystem,
     OutputPortIndex,
     System,
 )
@@ -99,7 +98,7 @@ def Flatten(system: System, path: str = "") -> list[Block]:
             continue
         for (target, i), (part, o) in diagram.connection_map().items():
             source, output = _OutputPort(part, int(o))
-            is_idle = type(source) is LeafSystem and source.GetSystemType() == _MOUSE
+            is_idle = type(source) is System and source.GetSystemType() == _MOUSE
             for block, name in InputsOf(target, int(i)):
                 if is_idle:
                     blocks[block].idle.add(name)
