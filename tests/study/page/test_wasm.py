@@ -124,11 +124,12 @@ def Kinds():
         ("network", {"sample_period": 0.01, "seed": 3}),
         ("network", {"sample_period": 0.01, "netem": NETEM}),
         ("network", UNEVEN),
-        ("transport", {"fields": FIELDS["forward_channel"]["fields"]}),
         ("network", {"sample_period": 0.04, "periods": [0.02, 0.06], "seed": 3}),
     ):
         channel = {"kind": kind, "delay": 0.1, **more}
         yield "one_dof", {f"{way}_channel": channel for way in ("forward", "return")}
+    # A packet on the way back has no force.
+    yield "one_dof", FIELDS
     needed = {"minimum_jerk": {"surgeon.waypoints": [[0.3], [0.1]]}}
     needed["recorded"] = {"surgeon.file": "v.csv"}
     for kind in OPERATOR_KINDS.names:
