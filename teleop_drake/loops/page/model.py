@@ -413,7 +413,7 @@ def _FactsOf(run: CompiledRun, surfaces: Sequence[Surface]) -> dict[str, Any]:
 
 def _ShownOf(diagram: System) -> dict[str, OutputPort]:
     """Returns the signals that are shown by default, one or more."""
-    shown = SignalsOf(diagram)
+    shown = {name: port for name, port in SignalsOf(diagram).items() if port.size()}
     if not shown:
         Refuse(f"outputs of {NameOf(diagram)}", None, "one vector or more")
     return shown

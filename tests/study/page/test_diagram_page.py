@@ -15,6 +15,7 @@ from pydrake.systems.primitives import (
     Adder,
     ConstantVectorSource,
     Gain,
+    Integrator,
     RandomSource,
     ZeroOrderHold,
 )
@@ -361,3 +362,15 @@ def test_what_makes_no_page_is_refused(
     assert main(["page", *arguments, "-o", str(tmp_path / "page.html")]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_port_without_elements_is_not_shown():
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("state", Integrator(1))
+    builder.AddNamedSystem("nothing", ConstantVectorSource([]))
+    builder.ExportInput(builder.GetSubsystemByName("state").get_input_port(), "u")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.get_input_port().FixValue(context, [1.0])
+    (loop,) = MakePage(diagram, context=context).data["controllers"]
+    assert [*loop["signals"]] == ["state.y0"]
