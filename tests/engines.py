@@ -8,9 +8,10 @@ from wasm_runs import Instance
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.run import CompiledRun
 from teleop_drake.loops.framework.signals import SignalsOf
+from teleop_drake.loops.framework.solver import EVENT_ACCURACY
 from teleop_drake.loops.page.model import MakeModel
 from teleop_drake.loops.run.compiled_run import SignalPlaces
-from teleop_drake.loops.run.simulator import EVENT_ACCURACY, MakeSimulator
+from teleop_drake.loops.run.simulator import MakeSimulator
 
 Signals = dict[str, np.ndarray]
 

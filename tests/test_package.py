@@ -30,6 +30,21 @@ def test_a_sweep_starts_without_scipy():
 
 
 @pytest.mark.slow
+def test_a_run_imports_few_modules():
+    """A Diagram of Drake's blocks needs at most 75 modules of the package."""
+    code = (
+        "import sys, teleop_drake as t; "
+        "from pydrake.systems.primitives import Sine; "
+        "t.simulate(Sine(1.0, 1.0, 0.0, 1), duration=0.1); "
+        "print(sum(m.startswith('teleop_drake') for m in sys.modules))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert int(run.stdout) <= 75
+
+
+@pytest.mark.slow
 def test_the_tests_limit_blas_before_numpy_is_imported():
     """NumPy reads the number of threads of BLAS when it is imported, not later."""
     code = "import sys, conftest; print('numpy' in sys.modules)"

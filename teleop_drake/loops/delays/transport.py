@@ -7,6 +7,7 @@ from teleop_drake.loops.delays.base import ChannelBlock, ChannelConfig
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import Config
+from teleop_drake.loops.kernel import Delay
 from teleop_drake.loops.kernel.linear_part import LinearPart
 
 
@@ -71,6 +72,15 @@ class TransportDelay(ChannelBlock):
             self.DeclarePassThrough()
             return
         self.DeclareDelay(time=self.delay, max_sample_interval=max_sample_interval)
+
+    def ZeroDelay(self) -> Delay:
+        """Returns the delay of a block that passes its signal on."""
+        return Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            time=0.0,
+        )
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the delay as a linear part."""

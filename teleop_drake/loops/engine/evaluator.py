@@ -17,7 +17,6 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.engine.block_events import CheckEvents
 from teleop_drake.loops.engine.block_kernels import IsReadable, KernelOf, ReadLeaf
 from teleop_drake.loops.engine.constants import ConstantValues
@@ -30,7 +29,6 @@ from teleop_drake.loops.engine.flatten import (
 )
 from teleop_drake.loops.engine.known_programs import KnownFunction, Remember
 from teleop_drake.loops.engine.left_out import EmptyKernel, FindLeftOut
-from teleop_drake.loops.engine.plant_limits import JointLimits, LimitsOf
 from teleop_drake.loops.engine.primitives import IsSilent
 from teleop_drake.loops.engine.program import Program
 from teleop_drake.loops.framework.arrays import Array
@@ -43,10 +41,11 @@ from teleop_drake.loops.framework.signals import (
 )
 from teleop_drake.loops.jit.native import Evaluate, Kept, Library
 from teleop_drake.loops.jit.scalar_code import ALL, MakeCode
-from teleop_drake.loops.kernel import Delay, Kernel
+from teleop_drake.loops.kernel import Kernel
 
 if TYPE_CHECKING:
     from teleop_drake.loops.engine.leaf_tracing import LeafReader
+    from teleop_drake.loops.engine.plant_limits import JointLimits
 
 
 def pass_at_zero(delay: float, delayed: Array, signal: Array) -> Array:
@@ -55,21 +54,18 @@ def pass_at_zero(delay: float, delayed: Array, signal: Array) -> Array:
     return passed
 
 
-def PassAtZero(system: System, kernel: Kernel) -> Kernel:
+def PassAtZero(system: Any, kernel: Kernel) -> Kernel:
     """Returns a block's kernel, extended so that its constant delays may be 0 s.
 
     In a program, the output of a delay is given, so a signal may depend on itself
     through a delay. In the extended kernel, the output is computed by pass_at_zero()
     from the delayed signal and the signal, so the signal must not depend on it. The
-    extended kernel serves all values of a delay, including 0.
+    extended kernel serves all values of a delay, including 0. A block whose kernel has
+    no delay because it is 0 s has a method ZeroDelay().
     """
     delays = list(kernel.delays)
-    if isinstance(system, TransportDelay) and not delays:
-        value = system.initial_value
-        delay = Delay(
-            signal="signal", output="delayed_signal", initial_value=value, time=0.0
-        )
-        delays.append(delay)
+    if not delays and hasattr(system, "ZeroDelay"):
+        delays.append(system.ZeroDelay())
     outputs: dict[str, Any] = dict(kernel.outputs)
     parameters = dict(kernel.parameters)
     for k, delay in enumerate(delays):
@@ -321,14 +317,18 @@ class Evaluator:
         if not self._readers:
             Remember(program, self.function)
 
-    def _ReadLimits(self) -> dict[int, JointLimits]:
+    def _ReadLimits(self) -> "dict[int, JointLimits]":
         """Returns the limits of the plants that are not left out."""
-        found = {
-            i: LimitsOf(block.system)
-            for i, block in enumerate(self.blocks)
-            if i not in self._left_out
-        }
-        return {i: limits for i, limits in found.items() if limits is not None}
+        found = {}
+        for i, block in enumerate(self.blocks):
+            if i in self._left_out or not IsPlant(block.system):
+                continue
+            from teleop_drake.loops.engine.plant_limits import LimitsOf
+
+            limits = LimitsOf(block.system)
+            if limits is not None:
+                found[i] = limits
+        return found
 
     def _HasKnownEvents(self, i: int) -> bool:
         """Returns whether the events of a block were found as its functions were."""

@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.loops.framework.signals import ClassOf, NameOf, PathsIn
+from teleop_drake.loops.framework.validation import ScenarioError
 
 # The force with which a person draws a body in Meshcat. AddDefaultVisualization() of
 # newer Drake connects it to every plant; pydrake has no class for it.
@@ -47,6 +48,10 @@ class UnreadableLeaf(UnsupportedSystem):
 
 class AlgebraicLoop(UnsupportedSystem):
     """Raised for a signal that depends on itself at the same instant."""
+
+
+class NearLimit(ScenarioError):
+    """A joint of a discrete plant has come near to its limit; the message says when."""
 
 
 class Source(NamedTuple):

@@ -7,19 +7,13 @@ limit. A compiled run is that of Drake as long as no joint comes near to its lim
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import System
 
+from teleop_drake.loops.engine.flatten import NearLimit
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.signals import IsPlant
-from teleop_drake.loops.framework.validation import ScenarioError
 
 # Drake limits a joint that its velocity takes beyond the limit in so many time steps,
 # and one more.
 _TIME_STEPS = 3.0
-
-
-class NearLimit(ScenarioError):
-    """A joint of a discrete plant has come near to its limit; the message says when."""
 
 
 class JointLimits(NamedTuple):
@@ -66,11 +60,8 @@ class JointLimits(NamedTuple):
         )
 
 
-def LimitsOf(system: System) -> JointLimits | None:
+def LimitsOf(plant: Any) -> JointLimits | None:
     """Returns the limits of a discrete plant's joints; None if it has none."""
-    if not IsPlant(system):
-        return None
-    plant: Any = system
     lower = plant.GetPositionLowerLimits()
     upper = plant.GetPositionUpperLimits()
     has_limits = np.isfinite(lower).any() or np.isfinite(upper).any()

@@ -25,7 +25,6 @@ from pydrake.systems.primitives import (
 from teleop_drake.loops.engine.constants import ConstantsOf
 from teleop_drake.loops.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
-from teleop_drake.loops.engine.mesh_kernel import MeshKernel
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import DiscreteState, SetDiscreteState
 from teleop_drake.loops.framework.signals import IsOfDrake, IsPlainLeaf, VectorOutputs
@@ -373,6 +372,13 @@ def _PidKernel(system: System) -> Kernel | None:
     )
 
 
+def _MeshKernel(system: Any) -> Kernel:
+    """Returns the kernel of a BarycentricMeshSystem."""
+    from teleop_drake.loops.engine.mesh_kernel import MeshKernel
+
+    return MeshKernel(system)
+
+
 def _SlidersKernel(system: Any) -> Kernel:
     """Returns the kernel of sliders in Meshcat, with their present values."""
     port = system.get_output_port()
@@ -382,7 +388,7 @@ def _SlidersKernel(system: Any) -> Kernel:
 
 KERNELS: dict[str, Callable[[Any], Kernel | None]] = {
     "AffineSystem": _AffineKernel,
-    "BarycentricMeshSystem": MeshKernel,
+    "BarycentricMeshSystem": _MeshKernel,
     "Gain": _GainKernel,
     "LinearSystem": _AffineKernel,
     "MatrixGain": _AffineKernel,

@@ -32,12 +32,6 @@ class Draw(NamedTuple):
     value: Array
 
 
-def RandomSourcesIn(evaluator: Evaluator) -> list[RandomSource]:
-    """Returns the random sources of a diagram."""
-    systems = [block.system for block in evaluator.blocks]
-    return [system for system in systems if type(system) is RandomSource]
-
-
 def TakeDraws(evaluator: Evaluator, context: Context, end: float) -> list[Draw]:
     """Returns the draws of all random sources before a time in s, in their order.
 

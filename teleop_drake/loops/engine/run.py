@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence, Sized
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -26,7 +26,6 @@ from teleop_drake.loops.engine.problem import (
     make_memory,
 )
 from teleop_drake.loops.engine.program import Program
-from teleop_drake.loops.engine.random_sources import Draw, TakeDraws
 from teleop_drake.loops.engine.transitions import next_time
 from teleop_drake.loops.framework.arrays import Array, Indices
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -39,6 +38,9 @@ from teleop_drake.loops.kernel.steered_line import RefusalOfDelay
 from teleop_drake.loops.numerics.instants import SAME
 from teleop_drake.loops.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
 from teleop_drake.loops.numerics.step_polynomials import steps_of
+
+if TYPE_CHECKING:
+    from teleop_drake.loops.engine.random_sources import Draw
 
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
@@ -115,12 +117,14 @@ class CompiledRun:
         accuracy: float,
         max_step: float,
         is_checked: bool = False,
-        draws: Iterable[Draw] = (),
+        draws: "Iterable[Draw]" = (),
     ):
         if start is None:
             assert context is not None
             start = Visited(context.get_time(), *evaluator.ReadContext(context))
             past = ReadPast(evaluator, context, start.y)
+            from teleop_drake.loops.engine.random_sources import TakeDraws
+
             draws = TakeDraws(evaluator, context.Clone(), end)
         self.evaluator = evaluator
         self.start = start

@@ -1,9 +1,15 @@
-"""The default solver, and the most steps that a run may need."""
+"""The default solver, the accuracy of events and the most steps of a run."""
 
 from pydrake.systems.analysis import SimulatorConfig
 
 MAX_STEPS = 1_000_000
 """The largest number of steps that a scenario may require of a simulation."""
+
+EVENT_ACCURACY = 1e-4
+"""The accuracy of the Context, with which Drake locates events.
+
+It locates them to better than a microsecond.
+"""
 
 
 def DefaultSimulator() -> SimulatorConfig:

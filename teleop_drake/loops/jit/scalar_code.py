@@ -14,6 +14,7 @@ import numpy as np
 from teleop_drake.loops.jit.following import Follow
 from teleop_drake.loops.jit.packing import Layout
 from teleop_drake.loops.jit.symbolic_arrays import (
+    SEARCH,
     AsNumbers,
     Numbers,
 )
@@ -24,7 +25,6 @@ from teleop_drake.loops.jit.symbols import (
     Ref,
     Untraceable,
 )
-from teleop_drake.loops.jit.tables import SEARCH
 from teleop_drake.loops.jit.tracing import Graph, Node
 
 # The value, a node or a constant, of elements of arrays: by the array's name and index.

@@ -1,5 +1,12 @@
-"""Arrays of symbolic numbers."""
+"""Arrays of symbolic numbers, tables in memory, and functions of numpy on both.
 
+A table is a long array of parameters. A short array is searched and indexed by
+comparing with each element. A table that lies in the parameters p at equal distances is
+searched by bisection where it lies, so that the code does not grow with its length.
+"""
+
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +24,9 @@ from teleop_drake.loops.jit.symbols import (
     Rounded,
     Untraceable,
 )
-from teleop_drake.loops.jit.tables import SHORTEST, Lookup
+
+SHORTEST = 32
+"""The least number of elements of a table; shorter arrays are compared one by one."""
 
 
 class Table(np.ndarray):
@@ -187,3 +196,153 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)
+
+
+def Search(table: Any, x: Any, side: str) -> Any:
+    """Returns np.searchsorted() of a table in memory; None if it is none."""
+    place = _PlaceOf(np.asarray(table, dtype=object).tolist())
+    if place is None or place[1] != 1 or not isinstance(x, Number):
+        return None
+    operation = "search_right" if side == "right" else "search_left"
+    return x.graph.Add(operation, place[0], len(table), x)
+
+
+def Lookup(rows: Any, index: Number) -> Any:
+    """Returns rows[index], nan out of bounds; None if it is no table in memory.
+
+    Args:
+        rows: The rows, an array of objects (N, ...).
+        index: The index as a float.
+    """
+    columns = rows.reshape(len(rows), -1).T.tolist()
+    places = [_PlaceOf(column) for column in columns]
+    if not places or any(place is None for place in places):
+        return None
+    found = [
+        index.graph.Add("lookup", first, distance, len(rows), index)
+        for first, distance in filter(None, places)
+    ]
+    if rows.ndim == 1:
+        return found[0]
+    result = np.empty(len(found), dtype=object)
+    result[:] = found
+    return result.reshape(rows.shape[1:])
+
+
+def _PlaceOf(items: Sequence[Any]) -> tuple[int, int] | None:
+    """Returns where elements lie in p: the first index and their distance.
+
+    None: they do not lie there at equal distances.
+    """
+    if len(items) < SHORTEST or set(map(type, items)) != {Number}:
+        return None
+    parameters = items[0].graph.given.get("p", range(0))
+    places = [item.ref.place for item in items]
+    distance = places[1] - places[0]
+    end = places[0] + distance * len(places)
+    if distance < 1 or places != list(range(places[0], end, distance)):
+        return None
+    if places[0] not in parameters or places[-1] not in parameters:
+        return None
+    return places[0] - parameters.start, distance
+
+
+def Solve(A: Any, B: Any) -> Any:
+    """Returns A^-1 B by Gaussian elimination with partial pivoting."""
+    A = Objects(A)
+    B = Objects(B)
+    n = len(A)
+    if A.ndim != 2 or n != A.shape[1]:
+        raise Untraceable("np.linalg of a matrix that is not square")
+    # The augmented matrix [A B]. A plant without joints has n = 0.
+    rows = AsNumbers(np.hstack((A, B.reshape(n, math.prod(B.shape[1:])))))
+    for i in range(n):
+        # Exchanges move the largest element of column i at or below row i to row i.
+        for j in range(i + 1, n):
+            is_larger = abs(rows[j, i]) > abs(rows[i, i])
+            upper = Where(is_larger, rows[j], rows[i])
+            rows[j] = Where(is_larger, rows[i], rows[j])
+            rows[i] = upper
+        for j in range(i + 1, n):
+            pivot = Where(rows[i, i] == 0.0, 1.0, rows[i, i])
+            rows[j] = rows[j] - rows[j, i] / pivot * rows[i]
+    # Back substitution.
+    solution = rows[:, n:]
+    for i in reversed(range(n)):
+        for j in range(i + 1, n):
+            solution[i] = solution[i] - rows[i, j] * solution[j]
+        solution[i] = solution[i] * (1.0 / rows[i, i])
+    return solution.reshape(B.shape)
+
+
+def Inverse(A: Any) -> Any:
+    """Returns A^-1."""
+    return Solve(A, np.eye(len(A)))
+
+
+def Sign(a: Any) -> Any:
+    """Returns 1, -1, 0 or nan."""
+    return Where(a > 0.0, 1.0, Where(a < 0.0, -1.0, a * 0.0))
+
+
+def Remainder(a: Any, b: Any) -> Any:
+    """Returns Python's a % b, exactly; its sign is that of b."""
+    rest = np.fmod(a, b)
+    zero = Where(b < 0.0, -0.0, 0.0)
+    other = Where((rest < 0.0) == (b < 0.0), rest, rest + b)
+    result = Where(rest == 0.0, zero, other)
+    if float in (KindOf(a), KindOf(b)) or not isinstance(result, Number):
+        return result
+    return AsWhole(result)
+
+
+def IsClose(a: Any, b: Any, rtol: float = 1e-5, atol: float = 1e-8) -> Any:
+    """Returns numpy's isclose() of two numbers or arrays."""
+    return (abs(a - b) <= atol + rtol * abs(b)) | (a == b)
+
+
+def Interp(x: Any, xp: Any, fp: Any) -> Any:
+    """Returns the linear interpolation of a table; its ends outside of it."""
+    result = fp[0]
+    for k in range(len(xp) - 1):
+        slope = (fp[k + 1] - fp[k]) / (xp[k + 1] - xp[k])
+        result = Where(x >= xp[k], fp[k] + slope * (x - xp[k]), result)
+    return Where(x != x, x, Where(x >= xp[-1], fp[-1], result))
+
+
+SEARCH = """
+define internal double @search(ptr %table, i64 %count, double %x, i1 %is_right) {
+entry:
+  br label %head
+head:
+  %low = phi i64 [0, %entry], [%next_low, %body]
+  %high = phi i64 [%count, %entry], [%next_high, %body]
+  %is_open = icmp slt i64 %low, %high
+  br i1 %is_open, label %body, label %end
+body:
+  %sum = add i64 %low, %high
+  %middle = lshr i64 %sum, 1
+  %place = getelementptr double, ptr %table, i64 %middle
+  %item = load double, ptr %place
+  %is_less = fcmp olt double %item, %x
+  %is_equal = fcmp oeq double %item, %x
+  %item_is_nan = fcmp uno double %item, %item
+  %x_is_nan = fcmp uno double %x, %x
+  %are_nan = and i1 %item_is_nan, %x_is_nan
+  %is_less_than_nan = icmp ult i1 %item_is_nan, %x_is_nan
+  %are_equal = or i1 %is_equal, %are_nan
+  %counts = and i1 %are_equal, %is_right
+  %is_less_or_nan = or i1 %is_less, %is_less_than_nan
+  %is_before = or i1 %is_less_or_nan, %counts
+  %after = add i64 %middle, 1
+  %next_low = select i1 %is_before, i64 %after, i64 %low
+  %next_high = select i1 %is_before, i64 %high, i64 %middle
+  br label %head
+end:
+  %result = sitofp i64 %low to double
+  ret double %result
+}"""
+"""The search in LLVM's language: the number of elements before x.
+
+For numpy, nan is larger than all numbers and equal to nan.
+"""

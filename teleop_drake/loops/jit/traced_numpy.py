@@ -12,23 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.loops.jit.array_functions import (
-    Interp,
-    Inverse,
-    IsClose,
-    Remainder,
-    Sign,
-    Solve,
-)
 from teleop_drake.loops.jit.symbolic_arrays import (
     BOOLEAN,
     REAL,
     AsFloats,
     AsNumbers,
     HasNumbers,
+    Interp,
+    Inverse,
+    IsClose,
     Numbers,
     Objects,
+    Remainder,
     Result,
+    Search,
+    Sign,
+    Solve,
     Unified,
     Where,
 )
@@ -44,7 +43,6 @@ from teleop_drake.loops.jit.symbols import (
     Number,
     Untraceable,
 )
-from teleop_drake.loops.jit.tables import Search
 
 # Functions of single numbers.
 

@@ -18,10 +18,12 @@ from pydrake.systems.framework import (
     Context,
     LeafSystem,
     LeafSystem_,
+    System,
     SystemScalarConverter,
     WitnessFunction,
 )
 
+from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.validation import Range, Refuse
 from teleop_drake.loops.kernel.delay_line import DelayLine
 from teleop_drake.loops.kernel.events import EndStep, EventBlock, Weakly
@@ -252,6 +254,32 @@ class KernelBlock(_Rated, EventBlock):
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self.ticks]
         return min(times, default=math.inf)
+
+
+def LongestStep(diagram: System, context: Context, *, of_delays: bool = True) -> float:
+    """Returns the longest step in s that a diagram's systems allow, or infinity.
+
+    Args:
+        context: The Context of the diagram, which has the lengths of delays.
+        of_delays: Whether blocks with delays are considered.
+    """
+    steps = [
+        LongestStepOf(system, own)
+        for system, own in ContextsIn(diagram, context).items()
+        if of_delays or not getattr(system, "delays", ())
+    ]
+    return min(steps, default=math.inf)
+
+
+def LongestStepOf(system: System, context: Context) -> float:
+    """Returns the longest step in s that one system allows, or infinity.
+
+    Args:
+        context: The Context of the system.
+    """
+    if isinstance(system, KernelBlock):
+        return system.LongestStep(context)
+    return getattr(system, "longest_step", math.inf)
 
 
 def _LineOf(delay: Delay) -> type[DelayLine] | type[PacketLine]:

@@ -32,6 +32,7 @@ from teleop_drake.loops.framework.signals import (
 from teleop_drake.loops.framework.surface import Surface, SurfacesIn
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.framework.wiring import InputPorts
+from teleop_drake.loops.kernel.block import LongestStep
 from teleop_drake.loops.page.late_wires import LateWires
 from teleop_drake.loops.page.levels import Levels
 from teleop_drake.loops.page.plants import PlantData, PlantPicture, PlantPictures
@@ -39,7 +40,6 @@ from teleop_drake.loops.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.loops.run.compiled_run import StartOf
 from teleop_drake.loops.run.initial_modes import SetInitialModes
 from teleop_drake.loops.run.run import Job
-from teleop_drake.loops.run.stepping import LongestStep
 
 # A row of the port table in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)

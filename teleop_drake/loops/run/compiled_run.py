@@ -4,6 +4,7 @@ import time as clock
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
@@ -16,17 +17,17 @@ from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.engine.parameters import SetNumbers
 from teleop_drake.loops.engine.past import CanWritePast, ReadPast, WritePast
 from teleop_drake.loops.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
-from teleop_drake.loops.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
 from teleop_drake.loops.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
 from teleop_drake.loops.framework.contexts import ContextsIn, SetDiscreteState
 from teleop_drake.loops.framework.signals import SystemsByPath
+from teleop_drake.loops.framework.solver import EVENT_ACCURACY
 from teleop_drake.loops.framework.validation import ScenarioError, Show
 from teleop_drake.loops.jit.native import Packed
+from teleop_drake.loops.kernel.block import LongestStep
 from teleop_drake.loops.numerics.instants import same_within
 from teleop_drake.loops.numerics.step_polynomials import Series
 from teleop_drake.loops.run.failures import IsArithmetic, ReasonOfDivergence
-from teleop_drake.loops.run.initial_modes import SetInitialModes
 from teleop_drake.loops.run.inputs import CheckInitialization
 from teleop_drake.loops.run.logs import WriteLogs
 from teleop_drake.loops.run.recording import Event
@@ -40,8 +41,9 @@ from teleop_drake.loops.run.run import (
     Pace,
 )
 from teleop_drake.loops.run.signal_places import SignalPlaces, UnknownSignals
-from teleop_drake.loops.run.simulator import EVENT_ACCURACY
-from teleop_drake.loops.run.stepping import LongestStep
+
+if TYPE_CHECKING:
+    from teleop_drake.loops.engine.random_sources import Draw
 
 _OMITTED = (
     "not in a compiled run, because they are results of the last step of a discrete "
@@ -97,8 +99,16 @@ class CompiledDiagram:
         return not self.has_constants and CanWritePast(self.evaluator)
 
     @cached_property
-    def _random_sources(self) -> list[RandomSource]:
-        return RandomSourcesIn(self.evaluator)
+    def _has_random_sources(self) -> bool:
+        return any(type(x.system) is RandomSource for x in self.evaluator.blocks)
+
+    def _TakeDraws(self, context: Context, end: float) -> "list[Draw]":
+        """Advances random sources in a Context to a time in s; returns their draws."""
+        if not self._has_random_sources:
+            return []
+        from teleop_drake.loops.engine.random_sources import TakeDraws
+
+        return TakeDraws(self.evaluator, context, end)
 
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
         """Returns a new run, not begun yet, whose last possible time is `end` in s."""
@@ -108,9 +118,6 @@ class CompiledDiagram:
             problem = MakeProblem(program, self.start.t, end, self.past)
             self.problems.clear()
             self.problems[end] = problem
-        draws: list[Draw] = []
-        if self._random_sources:
-            draws = TakeDraws(self.evaluator, self.context.Clone(), end)
         return CompiledRun(
             self.evaluator,
             None,
@@ -121,7 +128,7 @@ class CompiledDiagram:
             accuracy=config.accuracy,
             max_step=min(config.max_step_size, self.longest_step),
             is_checked=self.is_checked,
-            draws=draws,
+            draws=self._TakeDraws(self.context.Clone(), end),
         )
 
     def Run(self, job: Job) -> Outcome:
@@ -193,6 +200,8 @@ class CompiledDiagram:
                 "these numbers in Drake's Simulator, if that can"
             ) from error
         if constants and not suppress_initialization_events:
+            from teleop_drake.loops.run.initial_modes import SetInitialModes
+
             SetInitialModes(evaluator, start)
         compiled = StartingAt(start, self.diagram, evaluator, self.signals, places)
         compiled.omitted = self.omitted
@@ -224,7 +233,7 @@ class CompiledDiagram:
         """Returns the Context at the end of a run."""
         context: Context = self.context.Clone()
         time = run.next_time
-        TakeDraws(self.evaluator, context, time)
+        self._TakeDraws(context, time)
         context.SetTime(time)
         context.SetContinuousState(run.memory.x)
         contexts = ContextsIn(self.diagram, context)

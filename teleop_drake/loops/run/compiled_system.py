@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.loops.engine.check import ReadingDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
-from teleop_drake.loops.engine.plant_limits import NearLimit
+from teleop_drake.loops.engine.flatten import NearLimit
 from teleop_drake.loops.framework.signals import Signals, SystemsByPath
 from teleop_drake.loops.framework.validation import CheckNumber
 from teleop_drake.loops.run.compiled_run import CompiledDiagram, CompileDiagram

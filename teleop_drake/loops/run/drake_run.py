@@ -15,7 +15,9 @@ from pydrake.systems.framework import Context, EventStatus
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.signals import SystemsByPath
+from teleop_drake.loops.framework.solver import EVENT_ACCURACY
 from teleop_drake.loops.framework.validation import Refuse, ScenarioError
+from teleop_drake.loops.kernel.block import LongestStepOf
 from teleop_drake.loops.numerics.instants import TIE, same_within
 from teleop_drake.loops.run.bends import NotesOnBends
 from teleop_drake.loops.run.block_events import (
@@ -41,13 +43,11 @@ from teleop_drake.loops.run.run import (
     Pace,
 )
 from teleop_drake.loops.run.simulator import (
-    EVENT_ACCURACY,
     CountsOf,
     IsEnded,
     TeleoperatorSimulator,
 )
 from teleop_drake.loops.run.stale_cache_guard import HasOwnBlocks
-from teleop_drake.loops.run.stepping import LongestStepOf
 
 # The most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000

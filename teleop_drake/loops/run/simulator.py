@@ -17,13 +17,11 @@ from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.loops.framework.contexts import DiscreteState
 from teleop_drake.loops.framework.signals import CheckSystem
+from teleop_drake.loops.framework.solver import EVENT_ACCURACY
+from teleop_drake.loops.kernel.block import LongestStep
 from teleop_drake.loops.run.failures import IsDivergence, IsGivingUp
 from teleop_drake.loops.run.stale_cache_guard import TrialStep
-from teleop_drake.loops.run.stepping import LongestStep, Stepping
-
-# Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
-# better than a microsecond.
-EVENT_ACCURACY = 1e-4
+from teleop_drake.loops.run.stepping import Stepping
 
 # The most times that the events of one instant are repeated.
 _MOST_UPDATES = 10

@@ -49,32 +49,6 @@ _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
 
 
-def LongestStep(diagram: System, context: Context, *, of_delays: bool = True) -> float:
-    """Returns the longest step in s that a diagram's systems allow, or infinity.
-
-    Args:
-        context: The Context of the diagram, which has the lengths of delays.
-        of_delays: Whether blocks with delays are considered.
-    """
-    steps = [
-        LongestStepOf(system, own)
-        for system, own in ContextsIn(diagram, context).items()
-        if of_delays or not getattr(system, "delays", ())
-    ]
-    return min(steps, default=math.inf)
-
-
-def LongestStepOf(system: System, context: Context) -> float:
-    """Returns the longest step in s that one system allows, or infinity.
-
-    Args:
-        context: The Context of the system.
-    """
-    if isinstance(system, KernelBlock):
-        return system.LongestStep(context)
-    return getattr(system, "longest_step", math.inf)
-
-
 class Stepping:
     """The rules for the ends and the longest lengths of a run's steps.
 

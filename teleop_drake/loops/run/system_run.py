@@ -6,18 +6,15 @@ from typing import TYPE_CHECKING, Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.loops.engine.flatten import UnreadableLeaf
+from teleop_drake.loops.engine.flatten import NearLimit, UnreadableLeaf
 from teleop_drake.loops.engine.parameters import CheckNumbers
 from teleop_drake.loops.framework.signals import CheckSystem, SelectSignals, Signals
 from teleop_drake.loops.framework.solver import DefaultSimulator
 from teleop_drake.loops.framework.validation import CheckChoice, CheckNumber
 from teleop_drake.loops.numerics.step_polynomials import finite_part, thinned
-from teleop_drake.loops.run.bends import Kinked, NotesOnBends
 from teleop_drake.loops.run.inputs import CheckContext, CheckInputs
 from teleop_drake.loops.run.recording import Recording, SolverStatistics
 from teleop_drake.loops.run.run import Job, Outcome
-from teleop_drake.loops.run.sample_ties import NotesOnTies
-from teleop_drake.loops.run.stepping import NotesOnSamples
 
 if TYPE_CHECKING:
     from teleop_drake.loops.delays.packet_statistics import PacketStatistics
@@ -125,7 +122,6 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     notes: list[str] = []
     if engine != "drake":
         from teleop_drake.loops.engine.check import ReadingDisagrees
-        from teleop_drake.loops.engine.plant_limits import NearLimit
         from teleop_drake.loops.run.compiled_run import CannotCompile, CompileDiagram
         from teleop_drake.loops.run.kept_diagrams import Keep
 
@@ -145,6 +141,8 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
         except (CannotCompile, ReadingDisagrees, NearLimit) as error:
             notes = [NoteOnDrake(error)]
     from teleop_drake.loops.run.drake_run import RunInDrake
+    from teleop_drake.loops.run.sample_ties import NotesOnTies
+    from teleop_drake.loops.run.stepping import NotesOnSamples
 
     run = RunInDrake(job)
     notes += NotesOnSamples(job.diagram, job.context)
@@ -242,8 +240,12 @@ def RecordingOf(
 
 def _NotesOnKinks(run: Outcome) -> list[str]:
     """Returns a note on signals that bend within steps of a compiled run."""
-    # Drake's engine shortens its rows there, and notes what remains.
-    return NotesOnBends(Kinked(run.series)) if run.engine == "compiled" else []
+    if run.engine != "compiled":
+        # Drake's engine shortens its rows there, and notes what remains.
+        return []
+    from teleop_drake.loops.run.bends import Kinked, NotesOnBends
+
+    return NotesOnBends(Kinked(run.series))
 
 
 def FieldsOf(config: SimulatorConfig, run: Outcome) -> dict[str, Any]:

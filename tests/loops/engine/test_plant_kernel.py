@@ -30,9 +30,9 @@ from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource
 
 from teleop_drake.loops import Compile, simulate
 from teleop_drake.loops.engine.evaluator import Evaluator
-from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.engine.flatten import NearLimit, UnsupportedSystem
 from teleop_drake.loops.engine.plant_kernel import PlantKernel
-from teleop_drake.loops.engine.plant_limits import LimitsOf, NearLimit
+from teleop_drake.loops.engine.plant_limits import LimitsOf
 from teleop_drake.loops.engine.run import CompiledRun
 
 

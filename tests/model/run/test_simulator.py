@@ -15,8 +15,8 @@ from scipy.interpolate import CubicHermiteSpline
 from surfaces import Border
 
 from teleop_drake.loops.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.loops.kernel.block import LongestStep
 from teleop_drake.loops.run.simulator import CountsOf, MakeSimulator
-from teleop_drake.loops.run.stepping import LongestStep
 from teleop_drake.model.run.simulate import MakeDiagram, simulate
 from teleop_drake.model.scenario import LoadScenario
 
