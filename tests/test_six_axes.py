@@ -25,7 +25,6 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import teleop_drake
-from teleop_drake.loops.framework.signals import UnitOf
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.environments.base import ForceAt
 from teleop_drake.model.blocks.environments.needle_path import NeedleInTissue
@@ -37,6 +36,7 @@ from teleop_drake.model.laws.task_space import (
 )
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.signals import UnitOf
 from teleop_drake.model.stations import ResolveController
 from teleop_drake.model.teleoperator import MakeTeleoperator
 from teleop_drake.study.analysis.loop import Linearizer

@@ -204,8 +204,8 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
     """
     if args.signals is None:
         return
-    from teleop_drake.loops.framework.signals import NamedSignals
     from teleop_drake.model.run.simulate import MakeDiagram
+    from teleop_drake.model.signals import NamedSignals
 
     known = NamedSignals(MakeDiagram(scenario).GetSystems())
     for name in args.signals:

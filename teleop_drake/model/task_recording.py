@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, Record
-from teleop_drake.loops.framework.signals import AxesOf
 from teleop_drake.loops.framework.surface import FindSurface, Surface
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.run.recording import (
@@ -24,6 +23,7 @@ from teleop_drake.model.scenario import (
     ScenarioFromYaml,
     ScenarioToYaml,
 )
+from teleop_drake.model.signals import AxesOf
 
 
 @dataclass(kw_only=True, repr=False)

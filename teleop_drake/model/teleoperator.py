@@ -7,7 +7,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from teleop_drake.loops.delays.fields import WithFieldDelays
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.framework.arrays import Names
-from teleop_drake.loops.framework.signals import NamedSignals
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.blocks.architectures import Architecture
 from teleop_drake.model.blocks.architectures.own_law import Law
@@ -18,6 +17,7 @@ from teleop_drake.model.scenario import (
     Scenario,
     ScenarioLike,
 )
+from teleop_drake.model.signals import NamedSignals
 from teleop_drake.model.stations import (
     AsChannel,
     CheckPorts,

@@ -1,9 +1,8 @@
 """The model of a run in a page: a program, its numbers, the places of signals."""
 
 import functools
-import inspect
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +24,6 @@ from teleop_drake.loops.framework.signals import (
     PathsIn,
     SignalsOf,
     SystemsByPath,
-    UnitOf,
     VectorOutputs,
     Visible,
 )
@@ -98,6 +96,8 @@ class Model:
             Memory.y and the new values of each).
         plants: The pictures of the MultibodyPlants; see PlantPictures().
         late: The delays on connections; None: there are none.
+        unit_of: The unit of a port by its name and size, of a task; None: no port has
+            a unit by its name.
     """
 
     job: Job
@@ -108,6 +108,7 @@ class Model:
     facts: dict[str, Any]
     plants: dict[str, PlantPicture]
     late: LateWires | None
+    unit_of: Callable[[str, int], str | None] | None = None
 
     @property
     def diagram(self) -> System:
@@ -186,7 +187,7 @@ class Model:
                 places[port] = program.signals.get(source)
                 # The unit of an exported port is that of its block.
                 block = blocks[source.block].system
-                units[port] = Unit(block, source.port, port.size())
+                units[port] = self._Unit(block, source.port, port.size())
             for port in InputPorts(system):
                 leaf, name = InputsOf(system, int(port.get_index()))[0]
                 i = numbers[leaf]
@@ -197,10 +198,19 @@ class Model:
                 if place is not None:
                     name = port.get_name()
                     size = place.stop - place.start
-                    own = self._JointUnit(path, name) or Unit(system, name, port.size())
-                    unit = own or units.get(port, "")
+                    unit = (
+                        self._JointUnit(path, name)
+                        or self._Unit(system, name, port.size())
+                        or units.get(port, "")
+                    )
                     result[f"{path}:{Visible(name)}"] = (place.start, size, unit)
         return result
+
+    def _Unit(self, system: System, port: str, size: int) -> str:
+        """Returns the unit of a port; "" if neither name nor block defines one."""
+        block: Any = type(system)
+        named = self.unit_of and self.unit_of(port, size)
+        return named or _PortTable(block).get(port, "")
 
     def _JointUnit(self, path: str, port: str) -> str:
         """Returns the unit of a robot's joints; "" if some turn and others slide."""
@@ -239,17 +249,13 @@ class Model:
         }
 
 
-def Unit(system: System, port: str, size: int = 1) -> str:
-    """Returns the unit of a port; "" if neither its name nor its block defines one."""
-    block: Any = type(system)
-    unit = UnitOf(port, size) or _PortTable(block).get(port, "")
-    return "" if unit in _NO_UNIT else unit
-
-
 @functools.cache
 def _PortTable(block: Any) -> dict[str, str]:
-    """Returns the units in the port table of a block's docstring, keyed by port."""
-    return dict(_ROW.findall(inspect.getdoc(block) or ""))
+    """Returns the units in the port tables of a class and of its bases, by port."""
+    units: dict[str, str] = {}
+    for kind in reversed(block.__mro__):
+        units |= dict(_ROW.findall(kind.__doc__ or ""))
+    return {port: unit for port, unit in units.items() if unit not in _NO_UNIT}
 
 
 def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:
@@ -352,7 +358,12 @@ def WithNumbers(model: Model, values: Mapping[str, float]) -> Model:
     other = _ModelAt(job, start, evaluator, late, has_zero_delays=has_zero_delays)
     is_of_run = ("problem.", "memory.", "run")
     kept = {x: z for x, z in model.numbers.items() if not x.startswith(is_of_run)}
-    return replace(other, numbers=other.numbers | kept, facts=model.facts)
+    return replace(
+        other,
+        numbers=other.numbers | kept,
+        facts=model.facts,
+        unit_of=model.unit_of,
+    )
 
 
 def _ModelAt(

@@ -12,7 +12,6 @@ from typing import Any
 
 from teleop_drake.loops.engine.check import ReadingDisagrees
 from teleop_drake.loops.engine.evaluator import Evaluator
-from teleop_drake.loops.framework.signals import NamedSignals
 from teleop_drake.loops.run.compiled_run import (
     CompiledDiagram,
     CompileDiagram,
@@ -32,6 +31,7 @@ from teleop_drake.model.scenario import (
     ScenarioError,
 )
 from teleop_drake.model.scenario.loading import LoadOverridden
+from teleop_drake.model.signals import NamedSignals
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks import Task, TaskOf
 

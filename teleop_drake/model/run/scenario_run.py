@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
-from teleop_drake.loops.framework.signals import NamedSignals, Signals
+from teleop_drake.loops.framework.signals import Signals
 from teleop_drake.loops.framework.surface import SurfacesIn
 from teleop_drake.loops.framework.validation import CheckChoice, Refuse
 from teleop_drake.loops.run.compiled_run import WhyNotSolved
@@ -23,6 +23,7 @@ from teleop_drake.model.scenario import (
     CheckSteps,
     ScenarioLike,
 )
+from teleop_drake.model.signals import NamedSignals
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks import Task, TaskOf
 

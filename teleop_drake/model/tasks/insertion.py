@@ -7,10 +7,10 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.loops.framework.arrays import Record
-from teleop_drake.loops.framework.signals import AxisUnit
 from teleop_drake.loops.run.recording import Event
 from teleop_drake.model.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.model.scenario import CONTROLLERS, Scenario
+from teleop_drake.model.signals import AxisUnit
 from teleop_drake.model.stations import MakeArchitecture
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks.base import Divergence, SpeedLimit, Task

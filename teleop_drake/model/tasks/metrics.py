@@ -6,10 +6,10 @@ from typing import Any
 
 from teleop_drake.loops.delays.packet_statistics import PacketStatistics
 from teleop_drake.loops.framework.arrays import Record
-from teleop_drake.loops.framework.signals import AxesOf, AxisUnit
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.numerics.step_polynomials import finite_part
 from teleop_drake.model.scenario import AnyScenario
+from teleop_drake.model.signals import AxesOf, AxisUnit
 from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.model.tasks import Task, TaskOf
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.loops.framework.signals import AxesOf
 from teleop_drake.model.blocks.environments import ShownNormal
+from teleop_drake.model.signals import AxesOf
 from teleop_drake.model.task_recording import TaskRecording
 
 

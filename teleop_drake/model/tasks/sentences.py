@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from teleop_drake.loops.framework.signals import AxesOf, AxisUnit, ScaleAndUnit
 from teleop_drake.model.blocks.environments import CONTACT, PUNCTURE
+from teleop_drake.model.signals import AxesOf, AxisUnit, ScaleAndUnit
 from teleop_drake.model.task_recording import TaskRecording
 
 # A later force is told if it exceeds the first impact by this factor.

@@ -8,7 +8,6 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
 from teleop_drake.loops.framework.arrays import Array, Record
-from teleop_drake.loops.framework.signals import NamedSignals
 from teleop_drake.loops.framework.validation import GainMatrix
 from teleop_drake.loops.framework.wiring import Wire
 from teleop_drake.loops.numerics.pieces import Pieces, extremes, rms
@@ -20,6 +19,7 @@ from teleop_drake.model.blocks.systems.network_tracking_controller import (
 )
 from teleop_drake.model.laws.tracking import TrackingGains
 from teleop_drake.model.scenario import TrackingScenario, TrajectoryConfig
+from teleop_drake.model.signals import NamedSignals
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.model.tasks.panels import AxisName, SignalRow

@@ -28,11 +28,11 @@ from teleop_drake.loops.draw.style import (
     RunStyle,
 )
 from teleop_drake.loops.framework.arrays import Array, ComplexArray, Interval
-from teleop_drake.loops.framework.signals import AxesOf
 from teleop_drake.loops.framework.validation import CheckKind, Refuse
 from teleop_drake.loops.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.model.blocks.environments import ShownNormal
 from teleop_drake.model.scenario import Scenario
+from teleop_drake.model.signals import AxesOf
 from teleop_drake.study.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.study.analysis.point_stability import PointStability
 from teleop_drake.study.analysis.stability import StabilityAnalysis

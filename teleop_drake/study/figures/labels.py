@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from teleop_drake.loops.framework.signals import AxesOf
+from teleop_drake.model.signals import AxesOf
 from teleop_drake.study.sweep.statistics import CONTROLLERS
 
 # Keys of a sweep that are delays.

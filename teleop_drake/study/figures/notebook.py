@@ -12,8 +12,8 @@ from pydrake.systems.framework import System
 
 from teleop_drake.loops.draw.block_diagram import RenderSvg
 from teleop_drake.loops.draw.saving import DescribeFigure
-from teleop_drake.loops.framework.signals import ScaleAndUnit
 from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks import TaskOf
 from teleop_drake.model.tasks.metrics import MissingInWords, RunSentence, RunSummary

@@ -23,10 +23,10 @@ from teleop_drake.loops.draw.layout import MakePanels
 from teleop_drake.loops.draw.saving import SaveFigure
 from teleop_drake.loops.draw.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
 from teleop_drake.loops.framework.arrays import Array, Interval
-from teleop_drake.loops.framework.signals import ScaleAndUnit
 from teleop_drake.loops.framework.validation import CheckKind, Refuse
 from teleop_drake.loops.run.recording import CheckRecording, Recording
 from teleop_drake.model.blocks.environments import CONTACT, PUNCTURE
+from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.model.tasks import Task, TaskOf
 from teleop_drake.model.tasks.panels import AxisName, NormalOfRuns, SignalRow

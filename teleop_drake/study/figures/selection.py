@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import TypeVar
 
 from teleop_drake.loops.framework.arrays import Interval
-from teleop_drake.loops.framework.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.loops.framework.validation import CheckNames, Refuse, Show
 from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.model.tasks.panels import SignalRow
 
 _R = TypeVar("_R", bound=Recording)

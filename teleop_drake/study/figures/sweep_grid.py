@@ -14,8 +14,8 @@ from teleop_drake.loops.draw import style
 from teleop_drake.loops.draw.layout import MakePanels, Panels
 from teleop_drake.loops.draw.style import FONT_SIZE, Figure, Key
 from teleop_drake.loops.framework.arrays import Array, Interval
-from teleop_drake.loops.framework.signals import ScaleAndUnit
 from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.study.figures.labels import (
     DELAYS,
     AxisLabel,

@@ -10,12 +10,13 @@ from pydrake.systems.primitives import Adder
 
 from teleop_drake.loops.engine.run import CompiledRun
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.signals import NamedSignals, SystemsByPath
+from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.run.compiled_run import StartFed
 from teleop_drake.model.blocks.robots.facts import FactsOfRobot
 from teleop_drake.model.laws.task_space import displacement
 from teleop_drake.model.scenario import Scenario
+from teleop_drake.model.signals import NamedSignals
 from teleop_drake.model.teleoperator import AddTeleoperator
 
 Driver = Callable[[float, Array], Any]

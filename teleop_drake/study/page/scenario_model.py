@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.loops.delays import ChannelConfig
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.signals import NamedSignals, SystemsByPath
+from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.numerics.instants import SAME
 from teleop_drake.loops.page.late_wires import LateWires
 from teleop_drake.loops.page.model import PERIOD, Flat, MakeModel, Model
@@ -16,6 +16,7 @@ from teleop_drake.model.blocks.operators.hand import HandOperator
 from teleop_drake.model.run.ending import BoundsOf
 from teleop_drake.model.run.scenario_run import BoundOf, HasConstantCommand
 from teleop_drake.model.scenario import AnyScenario, AsTeleoperation
+from teleop_drake.model.signals import NamedSignals, UnitOf
 from teleop_drake.model.tasks import Task, TaskOf
 from teleop_drake.model.tasks.metrics import MetricUnits
 from teleop_drake.model.teleoperator import MakeTeleoperator
@@ -69,6 +70,7 @@ def ModelOf(
     metrics = _PageMetrics(task)
     return replace(
         model,
+        unit_of=UnitOf,
         numbers=model.numbers | Flat(numbers),
         facts={
             **model.facts,

@@ -15,12 +15,12 @@ from teleop_drake.loops.engine.parameters import (
     SetNumbers,
 )
 from teleop_drake.loops.engine.program import Program
-from teleop_drake.loops.framework.signals import NamedSignals
 from teleop_drake.loops.run import compiled_run
 from teleop_drake.loops.run.compiled_run import CannotCompile
 from teleop_drake.model.run.compile import Compile
 from teleop_drake.model.run.simulate import MakeDiagram, simulate
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.signals import NamedSignals
 
 # The tool leaves the tissue and reaches the bone within the run.
 NEAR = {

@@ -5,10 +5,11 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 
-from teleop_drake.loops.framework.signals import NamedSignals, SelectSignals
+from teleop_drake.loops.framework.signals import SelectSignals
 from teleop_drake.model.run.compile import Compile
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
+from teleop_drake.model.signals import NamedSignals
 from teleop_drake.model.teleoperator import MakeTeleoperator
 
 ENGINES = ["drake", "compiled"]

@@ -28,22 +28,19 @@ class ToolInterface(FixedBlock):
     position, velocity and forces are those of laws.task_space: r = [p_WT; theta], a
     twist, and wrenches; the units of their last three numbers are rad, rad/s and N m.
 
-    Input ports:
+    | port | name                     | size      | unit                      |
+    |------|--------------------------|-----------|---------------------------|
+    | in   | plant_state              | nq + nv   | rad or m, and their rates |
+    | in   | generalized_acceleration | nv        | rad/s^2 or m/s^2          |
+    | in   | control_force            | n         | N                         |
+    | in   | environment_force        | n         | N                         |
+    | out  | tool_kinematics          | 2n + n nv | m, m/s                    |
+    | out  | tool_acceleration        | n         | m/s^2                     |
+    | out  | joint_torques            | 2 nv      | N m or N                  |
 
-    | name                     | size    | unit                                        |
-    |--------------------------|---------|---------------------------------------------|
-    | plant_state              | nq + nv | rad or m, and their rates                   |
-    | generalized_acceleration | nv      | rad/s^2 or m/s^2                            |
-    | control_force            | n       | N                                           |
-    | environment_force        | n       | N, force of the robot ON the environment    |
-
-    Output ports:
-
-    | name              | size      | unit     | direct feedthrough from            |
-    |-------------------|-----------|----------|------------------------------------|
-    | tool_kinematics   | 2n + n nv | m, m/s   | plant_state                        |
-    | tool_acceleration | n         | m/s^2    | plant_state, the acceleration      |
-    | joint_torques     | 2 nv      | N m or N | plant_state, both forces           |
+    Direct feedthrough: from plant_state to all outputs, from the acceleration to
+    tool_acceleration, and from both forces to joint_torques. `environment_force` is
+    that of the robot ON the environment.
 
     `tool_kinematics` is [p_WT; v_WT; J row by row]. `joint_torques` is [tau; tau_e]:
     the first half goes to the plant's actuation, the second to its applied generalized
