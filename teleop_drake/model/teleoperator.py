@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from teleop_drake.loops.delays.fields import WithFieldDelays
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.framework.arrays import Names
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.blocks.architectures import Architecture
 from teleop_drake.model.blocks.architectures.own_law import Law
 from teleop_drake.model.blocks.environments import SurfacesOf
+from teleop_drake.model.field_delays import WithFieldDelays
 from teleop_drake.model.scenario import (
     AsTeleoperation,
     CheckStart,

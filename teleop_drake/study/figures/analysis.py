@@ -18,7 +18,6 @@ from scipy.optimize import linear_sum_assignment
 
 from teleop_drake.loops.draw import style
 from teleop_drake.loops.draw.layout import MakeMultiples, Panels
-from teleop_drake.loops.draw.port_models import Model, PlotModelBode, PlotModelNyquist
 from teleop_drake.loops.draw.style import (
     GREY,
     AddLegend,
@@ -39,6 +38,11 @@ from teleop_drake.study.analysis.stability import StabilityAnalysis
 from teleop_drake.study.analysis.stability_chart import StabilityChart
 from teleop_drake.study.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.study.figures.labels import AxisLabel
+from teleop_drake.study.figures.port_models import (
+    Model,
+    PlotModelBode,
+    PlotModelNyquist,
+)
 
 _ROW_HEIGHT = 1.9  # inches
 

@@ -18,7 +18,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.loops.draw.layout import MakePanels
 from teleop_drake.loops.draw.saving import SaveFigure
 from teleop_drake.loops.draw.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
@@ -30,6 +29,7 @@ from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.model.tasks import Task, TaskOf
 from teleop_drake.model.tasks.panels import AxisName, NormalOfRuns, SignalRow
+from teleop_drake.study.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.study.figures.labels import ShortLabels
 from teleop_drake.study.figures.selection import CheckRecordings, SelectRows, SelectTime
 

@@ -28,11 +28,11 @@ from teleop_drake.loops.framework.validation import (
 )
 from teleop_drake.loops.framework.wiring import OutputNames, Wire
 from teleop_drake.loops.kernel import FixedBlock, Kernel
-from teleop_drake.loops.numerics.transfer_function import (
+from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.model.laws.transfer_function import (
     low_frequency_resistance,
     realize_transfer_function,
 )
-from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,6 @@ from teleop_drake.loops.framework.validation import (
 )
 from teleop_drake.loops.framework.wiring import Wire
 from teleop_drake.loops.kernel import Term
-from teleop_drake.loops.numerics.transfer_function import all_pass_of_delay
 from teleop_drake.model.blocks.environments import Surface
 from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
 from teleop_drake.model.laws.operator import (
@@ -28,6 +27,7 @@ from teleop_drake.model.laws.operator import (
     rate_to_position,
     rate_to_velocity,
 )
+from teleop_drake.model.laws.transfer_function import all_pass_of_delay
 
 GOALS = ("position", "velocity")
 """The quantities that a human may track."""

@@ -19,15 +19,15 @@ from teleop_drake.loops.framework.validation import (
     Refuse,
 )
 from teleop_drake.loops.kernel import Term, Transition
-from teleop_drake.loops.numerics.piecewise_polynomial import (
+from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
+from teleop_drake.model.laws.piecewise_polynomial import (
     differentiate_pieces,
     evaluate_pieces,
     largest_norm,
     linear_pieces,
     minimum_jerk_pieces,
 )
-from teleop_drake.model.blocks.environments import Surface
-from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a sine in rad/s."""

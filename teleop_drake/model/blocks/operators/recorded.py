@@ -6,14 +6,14 @@ import numpy as np
 
 from teleop_drake.loops.framework.kinds import FileOf, GivenFile
 from teleop_drake.loops.framework.validation import REQUIRED, Config, Refuse
-from teleop_drake.loops.numerics.piecewise_polynomial import linear_pieces
-from teleop_drake.loops.tables.motion import Motion, ReadMotion
 from teleop_drake.model.blocks.operators.base import MOST_VELOCITY
 from teleop_drake.model.blocks.operators.planned import (
     Plan,
     PlannedConfig,
     PlanOfPieces,
 )
+from teleop_drake.model.laws.piecewise_polynomial import linear_pieces
+from teleop_drake.model.motion.motion import Motion, ReadMotion
 
 
 @Config

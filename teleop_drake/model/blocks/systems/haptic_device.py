@@ -15,7 +15,7 @@ from teleop_drake.loops.framework.validation import (
     Within,
 )
 from teleop_drake.loops.framework.wiring import Wire
-from teleop_drake.loops.numerics.transfer_function import realize_transfer_function
+from teleop_drake.model.laws.transfer_function import realize_transfer_function
 
 
 @Config

@@ -13,11 +13,6 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.loops.delays.sampled import SampledDelay
-from teleop_drake.loops.numerics.piecewise_polynomial import (
-    differentiate_pieces,
-    evaluate_pieces,
-    largest_norm,
-)
 from teleop_drake.model.blocks.environments import Surface
 from teleop_drake.model.blocks.operators import ConstantVelocityOperator
 from teleop_drake.model.blocks.operators.planned import (
@@ -26,6 +21,11 @@ from teleop_drake.model.blocks.operators.planned import (
     PlanOfPieces,
     SineConfig,
     TrapezoidConfig,
+)
+from teleop_drake.model.laws.piecewise_polynomial import (
+    differentiate_pieces,
+    evaluate_pieces,
+    largest_norm,
 )
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario

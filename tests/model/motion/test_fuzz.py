@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.tables import ReadPackets
-from teleop_drake.loops.tables.motion import ReadMotion
+from teleop_drake.model.motion.motion import ReadMotion
 
 ALPHABET = string.printable + "\ufeffµüж\x00\x1c\u2028"
 WORDS = (

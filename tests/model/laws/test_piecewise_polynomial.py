@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
 
-from teleop_drake.loops.numerics.piecewise_polynomial import (
+from teleop_drake.model.laws.piecewise_polynomial import (
     differentiate_pieces,
     evaluate_pieces,
     largest_norm,

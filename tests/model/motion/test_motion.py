@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.loops.framework.validation import ScenarioError
-from teleop_drake.loops.tables.motion import ReadMotion
+from teleop_drake.model.motion.motion import ReadMotion
 
 
 def read(tmp_path, text, num_axes=1, **given):

@@ -19,16 +19,8 @@ from teleop_drake.loops.framework.validation import (
     ScenarioError,
     Show,
 )
-from teleop_drake.loops.numerics.smoothing import SAMPLES_PER_CYCLE, smoothed_derivative
-from teleop_drake.loops.tables.even_rows import EvenRows, MakeEven
 from teleop_drake.loops.tables.headers import UNITS
 from teleop_drake.loops.tables.measured import ShowTime
-from teleop_drake.loops.tables.motion_columns import (
-    QUANTITIES,
-    ROLES,
-    FindColumns,
-    MotionColumns,
-)
 from teleop_drake.loops.tables.reader import (
     IsBinary,
     ReadAnyText,
@@ -38,6 +30,14 @@ from teleop_drake.loops.tables.reader import (
 from teleop_drake.loops.tables.source import TableSource
 from teleop_drake.loops.tables.stamps import Times
 from teleop_drake.loops.tables.table import Table
+from teleop_drake.model.laws.smoothing import SAMPLES_PER_CYCLE, smoothed_derivative
+from teleop_drake.model.motion.even_rows import EvenRows, MakeEven
+from teleop_drake.model.motion.motion_columns import (
+    QUANTITIES,
+    ROLES,
+    FindColumns,
+    MotionColumns,
+)
 
 # The bandwidth in Hz of the derivative of positions, if none is given. Assumed:
 # voluntary motions of a hand are slower, physiological tremor is at 8 to 12 Hz.

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.loops.numerics.smoothing import (
+from teleop_drake.model.laws.smoothing import (
     SAMPLES_PER_CYCLE,
     kernel_width,
     smoothed_derivative,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.loops.numerics.transfer_function import (
+from teleop_drake.model.laws.transfer_function import (
     all_pass_of_delay,
     low_frequency_resistance,
     realize_transfer_function,

@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.tables import ReadPackets, ReadTable
-from teleop_drake.loops.tables.motion import ReadMotion
+from teleop_drake.model.motion.motion import ReadMotion
 
 TIMES = np.arange(5) * 0.1
 
