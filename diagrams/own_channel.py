@@ -22,10 +22,10 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
-from teleop_drake.loops.delays import ChannelConfig, ConstantDelay
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.draw.block_diagram import WriteDiagram
 from teleop_drake.loops.framework.validation import CheckNumber
+from teleop_drake.model.channels import ChannelConfig, ConstantDelay
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.model.tasks.metrics import RunMetrics

@@ -42,7 +42,7 @@ import teleop_drake.loops.kernel.linear_part as new
 assert part is new
 assert simulate is teleop_drake.simulate and WritePage is teleop_drake.WritePage
 assert drake_run.__name__ == "teleop_drake.loops.run.drake_run"
-assert Trace.__module__ == "teleop_drake.loops.delays.trace"
+assert Trace.__module__ == "teleop_drake.model.channels.trace"
 """
 
 

@@ -11,11 +11,11 @@ import yaml
 from grids import Slow
 
 from teleop_drake.cli import main
-from teleop_drake.loops.delays import ChannelConfig
-from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
-from teleop_drake.loops.framework.kinds import KindConfig, KindTable
 from teleop_drake.model.blocks.operators import ConstantVelocityOperator
 from teleop_drake.model.blocks.systems.haptic_device import HapticDevice
+from teleop_drake.model.channels import ChannelConfig
+from teleop_drake.model.channels.kinds import CHANNEL_KINDS
+from teleop_drake.model.kinds import KindConfig, KindTable
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario, ScenarioError, ScenarioToYaml
 from teleop_drake.model.scenario.loading import ScenarioFromYaml
@@ -195,7 +195,7 @@ def test_systems_in_place_of_the_channels():
         (
             "return_channel.kind=own_kinds:BrakedForce",
             "return_channel.kind = 'own_kinds:BrakedForce': must be a dataclass that "
-            "derives from teleop_drake.loops.delays.base.ChannelConfig",
+            "derives from teleop_drake.model.channels.base.ChannelConfig",
         ),
         (
             "return_channel={kind: own_channel:BandLimitedChannel, bandwidht: 50}",

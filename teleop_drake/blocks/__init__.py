@@ -49,7 +49,7 @@ _PLACES = {
         "WaveVariablesConfig",
     ],
     "loops.delays.abstract": ["AbstractDelay"],
-    "loops.delays.base": ["ChannelConfig"],
+    "model.channels.base": ["ChannelConfig"],
     "loops.delays.conveyor": ["VariableTransportDelay"],
     "loops.delays.network": ["NetworkDelay"],
     "loops.delays.packet_network": ["PacketNetwork"],

@@ -3,7 +3,6 @@
 from teleop_drake.loops.blocks.moving_window import MovingWindow
 from teleop_drake.loops.blocks.trajectory_source import TrajectorySource
 from teleop_drake.loops.delays.abstract import AbstractDelay
-from teleop_drake.loops.delays.base import ChannelConfig
 from teleop_drake.loops.delays.conveyor import VariableTransportDelay
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -98,6 +97,7 @@ from teleop_drake.model.blocks.systems.network_tracking_controller import (
 from teleop_drake.model.blocks.systems.posture_hold import PostureHold
 from teleop_drake.model.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.model.blocks.systems.tool_interface import ToolInterface
+from teleop_drake.model.channels.base import ChannelConfig
 from teleop_drake.model.laws.backstepping import BacksteppingGains
 from teleop_drake.model.laws.gaussian_network import GaussianNetwork
 from teleop_drake.model.laws.operator import HumanOperator

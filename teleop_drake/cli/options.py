@@ -337,7 +337,7 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
         BadInput: If an option is given that only scenarios have.
         ScenarioError: If there is no such function, or it requires arguments.
     """
-    from teleop_drake.loops.framework.kinds import ImportOwn
+    from teleop_drake.model.kinds import ImportOwn
 
     if ":" not in args.scenario or Path(args.scenario).exists():
         return None
@@ -395,8 +395,8 @@ def ChannelOverrides(
     given = getattr(args, "channel", None)
     if given is None:
         return []
-    from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
-    from teleop_drake.loops.framework.kinds import FileOf, IsOwn, WithFile
+    from teleop_drake.model.channels.kinds import CHANNEL_KINDS
+    from teleop_drake.model.kinds import FileOf, IsOwn, WithFile
     from teleop_drake.model.scenario.yaml_text import ParseFile
 
     path = Path(given)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.loops import tables
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.validation import ScenarioError, Show
-from teleop_drake.loops.tables.headers import Header, IsTime, ParseHeader
+from teleop_drake.model import tables
 from teleop_drake.model.scenario.yaml_text import ParseFile
+from teleop_drake.model.tables.headers import Header, IsTime, ParseHeader
 
 FOLDER = Path(__file__).parents[1] / "references"
 TIME = "time"

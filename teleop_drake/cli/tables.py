@@ -53,9 +53,9 @@ def _Delay(channel: Any) -> str:
     trace = getattr(channel, "trace", None)
     if not trace:
         return f"{channel.delay:g} s"
-    from teleop_drake.loops.framework.kinds import FileOf
-    from teleop_drake.loops.tables.measured import HALVED
-    from teleop_drake.loops.tables.packets import ReadMeasured
+    from teleop_drake.model.kinds import FileOf
+    from teleop_drake.model.tables.measured import HALVED
+    from teleop_drake.model.tables.packets import ReadMeasured
 
     is_halved = ReadMeasured("trace", trace).kind == HALVED
     halved = " (half of its round trips)" if is_halved else ""

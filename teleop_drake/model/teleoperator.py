@@ -10,7 +10,7 @@ from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.blocks.architectures import Architecture
 from teleop_drake.model.blocks.architectures.own_law import Law
 from teleop_drake.model.blocks.environments import SurfacesOf
-from teleop_drake.model.field_delays import WithFieldDelays
+from teleop_drake.model.channels.fields import WithFieldDelays
 from teleop_drake.model.scenario import (
     AsTeleoperation,
     CheckStart,

@@ -8,8 +8,8 @@ from benchmarks.accuracy import Solve
 from independent_solver import Packets, Result
 from scipy.optimize import brentq
 
-from teleop_drake.loops.delays import ChannelConfig
 from teleop_drake.loops.delays.packet_network import PacketNetwork
+from teleop_drake.model.channels import ChannelConfig
 from teleop_drake.model.scenario import Scenario
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from teleop_drake.loops.linear.latency import Latency
-    from teleop_drake.loops.tables import Table
+    from teleop_drake.model.tables import Table
 
 # The names of the lags by their order, in sentences.
 # Hidden packets are told if they are more than this share of the losses.
@@ -147,7 +147,7 @@ def _RefuseOptions(
 
 def _EstimateLatency(args: argparse.Namespace) -> int:
     from teleop_drake.loops.linear.latency import EstimateLatency
-    from teleop_drake.loops.tables import ReadTable
+    from teleop_drake.model.tables import ReadTable
 
     table = ReadTable("FILE", args.file)
     command = table.Find(args.command_column)
@@ -182,7 +182,7 @@ def _Times(table: "Table", args: argparse.Namespace) -> "np.ndarray":
     Raises:
         ScenarioError: If the column of the times, or its unit, is not clear.
     """
-    from teleop_drake.loops.tables.headers import IsTime, ParseHeader
+    from teleop_drake.model.tables.headers import IsTime, ParseHeader
 
     found = [name for name in table.names if IsTime(ParseHeader(name).key)]
     if args.time is not None:
@@ -206,7 +206,7 @@ def _Write(args: argparse.Namespace, latency: "Latency") -> list[str]:
     """Writes trace and figure; returns their names."""
     written = []
     if args.out is not None and latency.delay is not None:
-        from teleop_drake.loops.delays.trace import WriteTrace
+        from teleop_drake.model.channels.trace import WriteTrace
 
         WriteTrace(args.out, *latency.Trace())
         written.append(args.out)

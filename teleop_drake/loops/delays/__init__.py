@@ -1,5 +1,1 @@
-"""The communication between the stations: a file for each kind of channel."""
-
-from teleop_drake.loops.delays.base import ChannelConfig, ConstantDelay
-
-__all__ = ["ChannelConfig", "ConstantDelay"]
+"""Blocks that deliver a signal later, and what networks do to packets."""

@@ -5,12 +5,8 @@ from typing import Any
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, LeafSystem
 
-from teleop_drake.loops.delays.base import SHORTEST_TIME, CheckDelay
-from teleop_drake.loops.delays.sampled import (
-    MAX_PACKETS,
-    DeclareDeliveries,
-    ShownAfter,
-)
+from teleop_drake.loops.delays.base import MAX_PACKETS, SHORTEST_TIME, CheckDelay
+from teleop_drake.loops.delays.sampled import DeclareDeliveries, ShownAfter
 from teleop_drake.loops.framework.validation import CheckNumber, Refuse
 from teleop_drake.loops.kernel import Delay
 from teleop_drake.loops.kernel.events import Weakly

@@ -5,17 +5,10 @@ from collections.abc import Callable, Sequence
 
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.loops.delays.base import (
-    SHORTEST_TIME,
-    ChannelBlock,
-    ChannelConfig,
-    ConstantDelay,
-)
+from teleop_drake.loops.delays.base import ChannelBlock
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.validation import (
-    REQUIRED,
     CheckNumber,
-    Config,
     Refuse,
 )
 from teleop_drake.loops.kernel.events import DeclareTicks, Ticks
@@ -68,7 +61,7 @@ class SampledDelay(ChannelBlock):
     ):
         ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
         CheckNumber("sample_period", sample_period, "s", above=0)
-        _CheckAtMostDelay("sample_period", sample_period, delay)
+        CheckAtMostDelay("sample_period", sample_period, delay)
         self._sampling = Sampling(sample_period, delay)
         if delay == 0:
             self.DeclarePassThrough()
@@ -104,84 +97,7 @@ def DeclareDeliveries(block: LeafSystem, delay: float, sample_period: float) -> 
     DeclareTicks(block, Ticks(sample_period, rest), None)
 
 
-MAX_PACKETS = 100_000
-"""Largest number of packets that may be under way in a channel."""
-
-
-def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
-    """Checks the sample period of a channel.
-
-    Args:
-        path: The channel's field in a scenario, for messages.
-        sample_period: The sample period in s.
-        delay: The delay of the channel in s.
-
-    Raises:
-        ScenarioError: If it is not allowed.
-    """
-    minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
-    CheckNumber(f"{path}.sample_period", sample_period, "s", minimum=minimum)
-
-
-def _CheckAtMostDelay(path: str, sample_period: float, delay: float) -> None:
+def CheckAtMostDelay(path: str, sample_period: float, delay: float) -> None:
     """Refuses a sample period that is longer than a delay other than 0, both in s."""
     if 0 < delay < sample_period:
         Refuse(path, sample_period, f"at most the delay, {delay:g} (s)")
-
-
-@Config
-class SampledChannelConfig(ChannelConfig):
-    """Sends a packet each sample period, which arrives after `delay` and is held.
-
-    A delay of 0 passes the signal through, unsampled.
-    """
-
-    kind = "sampled"
-
-    # Time between packets, s, > 0 and at most a non-zero delay.
-    sample_period: float = REQUIRED
-
-    def Check(self, path: str, duration: float) -> None:
-        """Checks every field."""
-        super().Check(path, duration)
-        CheckSamplePeriod(path, self.sample_period, self.delay)
-        _CheckAtMostDelay(f"{path}.sample_period", self.sample_period, self.delay)
-
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> SampledDelay:
-        """Makes the block; see ChannelConfig.MakeChannel."""
-        return SampledDelay(
-            delay=self.delay,
-            sample_period=self.sample_period,
-            size=size,
-            initial_value=initial_value,
-        )
-
-    def IsPassThrough(self) -> bool:
-        """Returns whether there is no delay."""
-        return self.delay == 0
-
-    def PacketPeriod(self) -> float:
-        """Returns the sample period in s."""
-        return self.sample_period
-
-    def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
-        """Returns the delay of a packet plus half of the period for which it is held.
-
-        To first order in the period h, a hold is a delay of h/2:
-        (1 - e^(-s h))/(s h) = e^(-s h/2) (1 + (s h)^2/24 + ...).
-        """
-        if self.delay == 0:
-            return ConstantDelay(delay=0.0)
-        delay = self.delay + self.sample_period / 2
-        return ConstantDelay(
-            delay=delay,
-            note=f"{path}: packets are held for {self.sample_period:g} s, on average "
-            f"half of that; the margins hold for a constant delay, here {delay:g} s.",
-        )

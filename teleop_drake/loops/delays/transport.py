@@ -1,12 +1,9 @@
 """An exact, constant delay."""
 
-import math
 from collections.abc import Sequence
 
-from teleop_drake.loops.delays.base import ChannelBlock, ChannelConfig
+from teleop_drake.loops.delays.base import ChannelBlock
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.kinds import NumberNames
-from teleop_drake.loops.framework.validation import Config
 from teleop_drake.loops.kernel import Delay
 from teleop_drake.loops.kernel.linear_part import LinearPart
 
@@ -85,42 +82,3 @@ class TransportDelay(ChannelBlock):
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the delay as a linear part."""
         return LinearPart(delay=self.delay)
-
-
-@Config
-class TransportChannelConfig(ChannelConfig):
-    """Delays the signal exactly by `delay`; 0 passes it through."""
-
-    kind = "transport"
-
-    def MakeChannel(
-        self,
-        *,
-        size: int,
-        initial_value: Sequence[float],
-        duration: float = math.inf,
-        stream: str = "",
-    ) -> TransportDelay:
-        """Makes the block; see ChannelConfig.MakeChannel."""
-        return TransportDelay(
-            delay=self.delay,
-            size=size,
-            initial_value=initial_value,
-            # LongestStep() limits the steps of the solver instead.
-            max_sample_interval=math.inf,
-        )
-
-    def Numbers(self) -> NumberNames:
-        """Returns the names of fields in the Contexts of blocks; see KindConfig."""
-        unused: NumberNames = {"seed": (), "duration": ()}
-        # Without delay the block is another one, and delays of fields are further ones.
-        is_number = self.delay > 0 and not self.fields
-        return {**unused, "delay": ("delay",)} if is_number else unused
-
-    def LongestStep(self, duration: float) -> float:
-        """Returns the delay in s; a signal that arrives in a step was sent earlier."""
-        return self.delay or math.inf
-
-    def IsPassThrough(self) -> bool:
-        """Returns whether there is no delay."""
-        return self.delay == 0

@@ -11,7 +11,7 @@ from pydrake.systems.framework import System
 
 from teleop_drake.loops.engine.parameters import NamedParameters
 from teleop_drake.loops.framework.arrays import Record
-from teleop_drake.loops.framework.kinds import KindConfig, NumberNames
+from teleop_drake.model.kinds import KindConfig, NumberNames
 from teleop_drake.model.scenario import AnyScenario
 from teleop_drake.model.scenario.tree import ToTree
 from teleop_drake.model.stations import ResolveController

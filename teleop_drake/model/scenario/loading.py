@@ -8,7 +8,6 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from teleop_drake.loops.framework.arrays import Record
-from teleop_drake.loops.framework.kinds import KIND_KEYS, IsOwn, WithFile
 from teleop_drake.loops.framework.solver import MAX_STEPS
 from teleop_drake.loops.framework.validation import (
     CheckKind,
@@ -16,6 +15,7 @@ from teleop_drake.loops.framework.validation import (
     Refuse,
     ScenarioError,
 )
+from teleop_drake.model.kinds import KIND_KEYS, IsOwn, WithFile
 from teleop_drake.model.scenario.overrides import (
     CHANNELS,
     DELAYS,

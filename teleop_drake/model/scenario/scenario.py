@@ -20,11 +20,8 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
-from teleop_drake.loops.delays import ChannelConfig, ConstantDelay
 from teleop_drake.loops.delays.base import SHORTEST_TIME
-from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.kinds import FileOf, KindConfig
 from teleop_drake.loops.framework.solver import DefaultSimulator
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
@@ -59,6 +56,9 @@ from teleop_drake.model.blocks.robots import (
 from teleop_drake.model.blocks.systems.actuator import ActuatorConfig
 from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.model.blocks.systems.sampled_sensor import SensorConfig
+from teleop_drake.model.channels import ChannelConfig, ConstantDelay
+from teleop_drake.model.channels.kinds import CHANNEL_KINDS
+from teleop_drake.model.kinds import FileOf, KindConfig
 from teleop_drake.model.scenario.config import (
     CheckSimulatorConfig,
     ControllerConfig,

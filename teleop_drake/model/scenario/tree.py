@@ -17,8 +17,8 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 
 from teleop_drake.loops.framework.arrays import Array, Record
-from teleop_drake.loops.framework.kinds import KindConfig, KindTable, TableOf
 from teleop_drake.loops.framework.validation import Choices, Refuse, ScenarioError, Show
+from teleop_drake.model.kinds import KindConfig, KindTable, TableOf
 
 _T = TypeVar("_T")
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from teleop_drake.loops.framework.kinds import ImportOwn
 from teleop_drake.loops.framework.validation import Refuse, WrongKind
+from teleop_drake.model.kinds import ImportOwn
 from teleop_drake.model.scenario import AnyScenario, Scenario, TrackingScenario
 from teleop_drake.model.tasks.base import SpeedLimit, Task
 from teleop_drake.model.tasks.insertion import Insertion

@@ -7,9 +7,9 @@ from typing import ClassVar, Generic, TypeVar
 
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.loops.delays import ChannelConfig
 from teleop_drake.loops.framework.arrays import Names, Record
 from teleop_drake.loops.run.recording import Event
+from teleop_drake.model.channels import ChannelConfig
 from teleop_drake.model.scenario import AnyScenario
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks.panels import SignalRow

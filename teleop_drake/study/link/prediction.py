@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.loops.delays.network import NetworkChannelConfig
-from teleop_drake.loops.delays.trace import WriteTrace
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.files import WriteText
+from teleop_drake.model.channels.network import NetworkChannelConfig
+from teleop_drake.model.channels.trace import WriteTrace
 from teleop_drake.model.scenario import Scenario, ScenarioToYaml
 from teleop_drake.model.stations import ResolveController
 from teleop_drake.model.task_recording import TaskRecording

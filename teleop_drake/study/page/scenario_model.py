@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.loops.delays import ChannelConfig
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.numerics.instants import SAME
 from teleop_drake.loops.page.late_wires import LateWires
 from teleop_drake.loops.page.model import PERIOD, Flat, MakeModel, Model
 from teleop_drake.model.blocks.operators.hand import HandOperator
+from teleop_drake.model.channels import ChannelConfig
 from teleop_drake.model.run.ending import BoundsOf
 from teleop_drake.model.run.scenario_run import BoundOf, HasConstantCommand
 from teleop_drake.model.scenario import AnyScenario, AsTeleoperation

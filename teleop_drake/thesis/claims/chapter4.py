@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
-from teleop_drake.loops.delays.network import NetworkChannelConfig
+from teleop_drake.model.channels.kinds import CHANNEL_KINDS
+from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.thesis.claims.claim import Claim, Found, NetworksLearn
 from teleop_drake.thesis.claims.measures import FarShare, LargestJump
 from teleop_drake.thesis.claims.relation import SETTLING, Pair, Relation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.loops.delays.kinds import CHANNEL_KINDS
+from teleop_drake.model.channels.kinds import CHANNEL_KINDS
 from teleop_drake.model.scenario import LoadScenario
 
 # Of round trips: mean, standard deviation, minimum, in s. None: none.

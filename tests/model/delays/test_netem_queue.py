@@ -10,9 +10,9 @@ from scipy import stats
 from teleop_drake import simulate
 from teleop_drake.loops.delays.netem import ParseNetem
 from teleop_drake.loops.delays.netem_queue import Deliver, Table
-from teleop_drake.loops.delays.network import NetworkChannelConfig
 from teleop_drake.loops.delays.packet_statistics import ComputePacketStatistics
 from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.model.scenario import LoadScenario
 
 NUM = 20_000

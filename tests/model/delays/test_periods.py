@@ -5,12 +5,13 @@ import pytest
 import sources
 
 from teleop_drake import simulate
-from teleop_drake.loops.delays.network import NetworkChannelConfig, NetworkDelay
+from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
 from teleop_drake.loops.delays.packet_statistics import ComputePacketStatistics
 from teleop_drake.loops.delays.variable import DelayProfile
 from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.model.scenario import LoadScenario
 
 PERIODS = [0.03, 0.05, 0.082]

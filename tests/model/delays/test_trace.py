@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from teleop_drake import simulate
-from teleop_drake.loops.delays.network import NetworkChannelConfig
-from teleop_drake.loops.delays.trace import ReadTrace
-from teleop_drake.loops.delays.variable import VariableChannelConfig
+from teleop_drake.model.channels.network import NetworkChannelConfig
+from teleop_drake.model.channels.trace import ReadTrace
+from teleop_drake.model.channels.variable import VariableChannelConfig
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 HEADER = "time_s,delay_s\n"

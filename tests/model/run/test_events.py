@@ -6,9 +6,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Integrator, LinearSystem
 
 from teleop_drake import HuntCrossleyConfig, LoadRecording, simulate
-from teleop_drake.loops.delays.network import NetworkChannelConfig
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
 from teleop_drake.loops.run.recording import Recording
+from teleop_drake.model.channels.network import NetworkChannelConfig
 
 ENGINES = pytest.mark.parametrize("engine", ["compiled", "drake"])
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from teleop_drake import LoadScenario, simulate
-from teleop_drake.loops.framework.kinds import KindConfig
 from teleop_drake.loops.framework.validation import FixedFields
+from teleop_drake.model.kinds import KindConfig
 
 
 @pytest.mark.parametrize("name", ["two_dof_learning", "network_tracking_linear"])

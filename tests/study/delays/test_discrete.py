@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay, PassThrough, Sine
 
 from teleop_drake import MakePage, simulate
-from teleop_drake.loops.delays.discrete import DiscreteChannelConfig
+from teleop_drake.model.channels.discrete import DiscreteChannelConfig
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
 from teleop_drake.model.teleoperator import MakeTeleoperator
 from teleop_drake.study.analysis.stability import AnalyzeStability

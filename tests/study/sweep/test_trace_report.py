@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.loops.delays.network import NetworkChannelConfig
 from teleop_drake.loops.framework.validation import ScenarioError
-from teleop_drake.loops.tables.packets import Packets
+from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.model.scenario import LoadScenario
+from teleop_drake.model.tables.packets import Packets
 from teleop_drake.study.analysis.stability import AnalyzeStability
 from teleop_drake.study.figures.trace_report import PlotTraceReport
 from teleop_drake.study.sweep.trace_report import (

@@ -1,6 +1,5 @@
 """The control architectures: a file for each kind."""
 
-from teleop_drake.loops.framework.kinds import KindTable
 from teleop_drake.model.blocks.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
@@ -25,6 +24,7 @@ from teleop_drake.model.blocks.architectures.time_domain_passivity import (
     TimeDomainPassivityConfig,
 )
 from teleop_drake.model.blocks.architectures.wave_variables import WaveVariablesConfig
+from teleop_drake.model.kinds import KindTable
 
 ARCHITECTURE_KINDS = KindTable(
     ArchitectureConfig,

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckChoice,
@@ -35,6 +34,7 @@ from teleop_drake.model.blocks.architectures.base import (
     Facts,
     LawBlock,
 )
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,

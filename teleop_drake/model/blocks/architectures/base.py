@@ -17,9 +17,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.loops.delays import ChannelConfig
 from teleop_drake.loops.framework.arrays import Array, ArrayLike, Names
-from teleop_drake.loops.framework.kinds import KindConfig
 from teleop_drake.loops.framework.validation import (
     Config,
     Refuse,
@@ -29,6 +27,8 @@ from teleop_drake.loops.framework.validation import (
 from teleop_drake.loops.framework.wiring import OutputNames, Wire
 from teleop_drake.loops.kernel import FixedBlock, Kernel
 from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.model.channels import ChannelConfig
+from teleop_drake.model.kinds import KindConfig
 from teleop_drake.model.laws.transfer_function import (
     low_frequency_resistance,
     realize_transfer_function,

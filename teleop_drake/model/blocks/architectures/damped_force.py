@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import ArrayLike
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckGain,
     Config,
@@ -24,6 +23,7 @@ from teleop_drake.model.blocks.architectures.local_damper import (
     BrakedVelocity,
     LocalDamperConfig,
 )
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.proportional import braked_force, damper_force
 
 

@@ -1,6 +1,5 @@
 """The baseline of the thesis: the haptic force acts on the tool as it arrives."""
 
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import CheckNumber, Config
 from teleop_drake.loops.kernel import Kernel
 from teleop_drake.model.blocks.architectures.base import (
@@ -8,6 +7,7 @@ from teleop_drake.model.blocks.architectures.base import (
     Facts,
     LawBlock,
 )
+from teleop_drake.model.kinds import NumberNames
 
 
 class DirectForce(LawBlock):

@@ -4,7 +4,6 @@ from dataclasses import field, replace
 from typing import Any, ClassVar
 
 from teleop_drake.loops.framework.arrays import ArrayLike
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckNumber,
@@ -25,6 +24,7 @@ from teleop_drake.model.blocks.architectures.base import (
     SlaveSide,
 )
 from teleop_drake.model.blocks.architectures.local_damper import LocalDamperConfig
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.four_channel import (
     Station,
     following_rate,

@@ -6,7 +6,6 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import ArrayLike
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     Config,
     GainField,
@@ -29,6 +28,7 @@ from teleop_drake.model.blocks.architectures.local_damper import (
     DrivenForce,
     LocalDamperConfig,
 )
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.proportional import (
     coupling_force,
     master_rate,

@@ -14,7 +14,6 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.loops.delays.transport import TransportDelay
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
@@ -33,6 +32,7 @@ from teleop_drake.model.blocks.architectures.base import (
 from teleop_drake.model.blocks.architectures.damped_force import DampedForce
 from teleop_drake.model.blocks.architectures.direct_force import DirectForce
 from teleop_drake.model.blocks.architectures.local_damper import LocalDamperConfig
+from teleop_drake.model.kinds import NumberNames
 
 
 class SmithPredictorMaster(Diagram):

@@ -4,7 +4,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
@@ -27,6 +26,7 @@ from teleop_drake.model.blocks.architectures.local_damper import (
     BrakedVelocity,
     LocalDamperConfig,
 )
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.passivity import (
     energy_budget,
     injected_resistance,

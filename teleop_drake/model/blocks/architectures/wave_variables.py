@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckNumber,
     Config,
@@ -29,6 +28,7 @@ from teleop_drake.model.blocks.architectures.local_damper import (
     DrivenForce,
     LocalDamperConfig,
 )
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.wave_variables import (
     line_power,
     master_velocity,

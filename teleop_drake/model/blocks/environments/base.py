@@ -6,7 +6,6 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
-from teleop_drake.loops.framework.kinds import KindConfig
 from teleop_drake.loops.framework.surface import (
     MaterialAt,
     StackNormal,
@@ -15,6 +14,7 @@ from teleop_drake.loops.framework.surface import (
 )
 from teleop_drake.loops.framework.validation import Config
 from teleop_drake.loops.numerics.differences import differentiate
+from teleop_drake.model.kinds import KindConfig
 
 # Largest steps of the finite differences in position, m, and in velocity, m/s. The step
 # in position is at most _STEP_SHARE of the distance to the nearest surface.

@@ -1,6 +1,5 @@
 """The kinds of environments that a scenario can name."""
 
-from teleop_drake.loops.framework.kinds import KindTable
 from teleop_drake.model.blocks.environments.base import EnvironmentConfig
 from teleop_drake.model.blocks.environments.layered_force_field import (
     LayersEnvironmentConfig,
@@ -11,6 +10,7 @@ from teleop_drake.model.blocks.environments.wall import (
     HuntCrossleyConfig,
     StandardLinearSolidConfig,
 )
+from teleop_drake.model.kinds import KindTable
 
 ENVIRONMENT_KINDS = KindTable(
     EnvironmentConfig,

@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.surface import (
     CONTACT,
     EMPTY,
@@ -31,6 +30,7 @@ from teleop_drake.loops.framework.validation import (
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Term, Transition
 from teleop_drake.loops.kernel.linear_part import LinearPart
 from teleop_drake.model.blocks.environments.base import EnvironmentConfig
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.layered_force import (
     LAYER_COLUMNS,
     layer_table,

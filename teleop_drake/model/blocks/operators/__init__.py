@@ -1,6 +1,5 @@
 """The operators of the haptic device: a file for each kind."""
 
-from teleop_drake.loops.framework.kinds import KindTable
 from teleop_drake.model.blocks.operators.base import OperatorConfig
 from teleop_drake.model.blocks.operators.human import HumanConfig
 from teleop_drake.model.blocks.operators.move_and_wait import MoveAndWaitConfig
@@ -12,6 +11,7 @@ from teleop_drake.model.blocks.operators.planned import (
     TrapezoidConfig,
 )
 from teleop_drake.model.blocks.operators.recorded import RecordedConfig
+from teleop_drake.model.kinds import KindTable
 
 OPERATOR_KINDS = KindTable(
     OperatorConfig,

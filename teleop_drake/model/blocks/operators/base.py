@@ -10,7 +10,6 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
-from teleop_drake.loops.framework.kinds import KindConfig
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckNumber,
@@ -23,6 +22,7 @@ from teleop_drake.loops.framework.validation import (
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Term, Transition
 from teleop_drake.loops.kernel.linear_part import HeldForce, LinearPart
 from teleop_drake.model.blocks.environments import Surface
+from teleop_drake.model.kinds import KindConfig
 from teleop_drake.model.laws.operator import (
     force_command,
     operator_mode,

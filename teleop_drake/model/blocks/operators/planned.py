@@ -10,7 +10,6 @@ import numpy as np
 
 from teleop_drake.loops.delays.base import SHORTEST_TIME
 from teleop_drake.loops.framework.arrays import Array, ArrayLike, Interval
-from teleop_drake.loops.framework.kinds import NumberNames
 from teleop_drake.loops.framework.validation import (
     CheckVector,
     Config,
@@ -21,6 +20,7 @@ from teleop_drake.loops.framework.validation import (
 from teleop_drake.loops.kernel import Term, Transition
 from teleop_drake.model.blocks.environments import Surface
 from teleop_drake.model.blocks.operators.base import ModalOperator, OperatorConfig
+from teleop_drake.model.kinds import NumberNames
 from teleop_drake.model.laws.piecewise_polynomial import (
     differentiate_pieces,
     evaluate_pieces,

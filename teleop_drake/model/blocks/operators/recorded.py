@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from teleop_drake.loops.framework.kinds import FileOf, GivenFile
 from teleop_drake.loops.framework.validation import REQUIRED, Config, Refuse
 from teleop_drake.model.blocks.operators.base import MOST_VELOCITY
 from teleop_drake.model.blocks.operators.planned import (
@@ -12,8 +11,9 @@ from teleop_drake.model.blocks.operators.planned import (
     PlannedConfig,
     PlanOfPieces,
 )
+from teleop_drake.model.kinds import FileOf, GivenFile
 from teleop_drake.model.laws.piecewise_polynomial import linear_pieces
-from teleop_drake.model.motion.motion import Motion, ReadMotion
+from teleop_drake.model.tables.motion import Motion, ReadMotion
 
 
 @Config

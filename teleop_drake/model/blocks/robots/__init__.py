@@ -5,7 +5,6 @@ import dataclasses
 from pydrake.systems.framework import System
 
 from teleop_drake.loops.framework.arrays import ArrayLike
-from teleop_drake.loops.framework.kinds import KindTable
 from teleop_drake.loops.framework.validation import Choices, Refuse, Within
 from teleop_drake.model.blocks.robots.arm import ArmConfig
 from teleop_drake.model.blocks.robots.base import PlantRobotConfig, RobotConfig
@@ -19,6 +18,7 @@ from teleop_drake.model.blocks.robots.puma560 import Puma560Config
 from teleop_drake.model.blocks.robots.robot_diagram import MakeRobotDiagram
 from teleop_drake.model.blocks.robots.slider import SliderConfig
 from teleop_drake.model.blocks.robots.two_link_arm import TwoLinkArmConfig
+from teleop_drake.model.kinds import KindTable
 
 ROBOT_KINDS = KindTable(
     RobotConfig,

@@ -15,7 +15,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.loops.framework.arrays import Array, ArrayLike
-from teleop_drake.loops.framework.kinds import KindConfig
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckVector,
@@ -28,6 +27,7 @@ from teleop_drake.model.blocks.robots.inverse_kinematics import (
     ToolRotation,
 )
 from teleop_drake.model.blocks.robots.robot_diagram import JointDrive, MakeRobotDiagram
+from teleop_drake.model.kinds import KindConfig
 from teleop_drake.model.laws.task_space import MAX_ROTATION, rotated
 
 # The SceneGraph with which new plants register their shapes; None: with none.

@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
-from teleop_drake.loops.delays.network import NetworkChannelConfig
-from teleop_drake.loops.delays.transport import TransportChannelConfig
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.model.channels.network import NetworkChannelConfig
+from teleop_drake.model.channels.transport import TransportChannelConfig
 from teleop_drake.model.scenario import LoadScenario
 
 UNTOLD = dict.fromkeys(

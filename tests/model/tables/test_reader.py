@@ -1,0 +1,135 @@
+"""Files of each format as tables, and what of them is refused."""
+
+import sys
+
+import h5py
+import numpy as np
+import pandas
+import pytest
+from scipy.io import savemat
+
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.tables import ReadPackets, ReadTable
+from teleop_drake.model.tables.motion import ReadMotion
+
+TIMES = np.arange(5) * 0.1
+
+
+def test_columns_are_found_by_name_and_number(tmp_path):
+    (tmp_path / "a.csv").write_text("Time_s,Speed [mm/s],b\n0,1,5\n1,-1,6\n")
+    table = ReadTable("FILE", str(tmp_path / "a.csv"))
+    assert table.names == ["Time_s", "Speed [mm/s]", "b"]
+    assert table.Find("time_S") == table.Find(1) == "Time_s"
+    assert table.Find("3") == table.Find(3) == table.Find("B") == "b"
+    assert table.Values("Speed [mm/s]").tolist() == [0.001, -0.001]
+    assert table.Values("Speed [mm/s]", "").tolist() == [1, -1]
+    with pytest.raises(ScenarioError, match=r"column 'Speed': must be one of Time_s"):
+        table.Find("Speed")
+
+
+def test_excel(tmp_path):
+    path = str(tmp_path / "a.xlsx")
+    dates = pandas.date_range("2030-05-27", periods=4, freq="100ms")
+    table = pandas.DataFrame({"sent": dates, "rtt_ms": [40, np.nan, -1, 60]})
+    table.to_excel(path, index=False)
+    packets = ReadPackets("trace", path)
+    assert packets.times.tolist() == pytest.approx([0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(packets.delays, [0.02, np.nan, np.nan, 0.03])
+
+
+def test_matlab(tmp_path):
+    path = str(tmp_path / "a.mat")
+    pose = {"x": np.sin(TIMES)[:, np.newaxis], "name": "hand"}
+    savemat(path, {"time": TIMES, "pose": pose, "scale": 3.0, "vel": np.ones((5, 2))})
+    assert ReadTable("FILE", path).names == ["time", "pose/x", "vel_0", "vel_1"]
+    motion = ReadMotion("surgeon.file", path, 2)
+    assert motion.times == pytest.approx(TIMES)
+    assert motion.velocities.tolist() == np.ones((5, 2)).tolist()
+
+
+def test_hdf5(tmp_path):
+    path = str(tmp_path / "a.hdf5")
+    with h5py.File(path, "w") as file:
+        file["observations/qpos"] = np.column_stack([2 * TIMES, -TIMES])
+        file["timestamp"] = TIMES
+        file["images"] = np.zeros((5, 2, 2, 3), np.uint8)
+        file["about"] = "of our own making"
+    assert ReadTable("FILE", path).names == [
+        "observations/qpos_0",
+        "observations/qpos_1",
+        "timestamp",
+    ]
+    motion = ReadMotion("surgeon.file", path, 2)
+    assert motion.velocities == pytest.approx(np.tile([2.0, -1.0], (5, 1)))
+
+
+def test_numpy(tmp_path):
+    path = str(tmp_path / "a.npz")
+    np.savez(path, time=TIMES, v=2 * TIMES, text="of no use")
+    motion = ReadMotion("surgeon.file", path, 1)
+    assert motion.velocities.ravel().tolist() == (2 * TIMES).tolist()
+
+
+def test_a_column_of_vectors_is_several_columns(tmp_path, monkeypatch):
+    """As Parquet files of robot learning have them; pandas reads these with pyarrow."""
+    frame = pandas.DataFrame({"timestamp": TIMES, "v": [[1, -t] for t in TIMES]})
+    monkeypatch.setattr(pandas, "read_parquet", lambda file: frame)
+    (tmp_path / "a.parquet").write_bytes(b"")
+    motion = ReadMotion("surgeon.file", str(tmp_path / "a.parquet"), 2)
+    assert motion.velocities.tolist() == [[1, -t] for t in TIMES]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "package"),
+    [(".xlsx", "openpyxl"), (".h5", "h5py"), (".parquet", "pyarrow")],
+)
+def test_a_missing_package_is_named(suffix, package, tmp_path, monkeypatch):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"PK\x03\x04")
+    if package == "pyarrow":  # pandas looks for another one as well.
+        monkeypatch.setitem(sys.modules, "fastparquet", None)
+    if package == "openpyxl":
+        pandas.DataFrame({"a": [1]}).to_excel(path)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ScenarioError, match=f"reads it: pip install {package}$"):
+        ReadTable("FILE", str(path))
+
+
+SUFFIXES = [".csv", ".json", ".xlsx", ".parquet", ".mat", ".h5", ".npz"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_file_that_is_not_there(suffix, tmp_path):
+    path = str(tmp_path / f"a{suffix}")
+    with pytest.raises(ScenarioError) as error:
+        ReadTable("FILE", path)
+    assert str(error.value).endswith("must be readable (No such file or directory)")
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".mat", ".h5", ".npz"])
+@pytest.mark.parametrize("data", [b"", b"x", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n0000"])
+def test_a_damaged_file(suffix, data, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(data)
+    with pytest.raises(ScenarioError) as error:
+        ReadTable("FILE", str(path))
+    assert f"must be a {suffix} file (" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("data", [b"a\x00b\n1,2\n", b"\xff\xfe\x00"])
+def test_what_is_no_text(data, tmp_path):
+    (tmp_path / "a.csv").write_bytes(data)
+    with pytest.raises(ScenarioError, match="must be text, or have the suffix of its "):
+        ReadTable("FILE", str(tmp_path / "a.csv"))
+
+
+def test_a_directory(tmp_path):
+    with pytest.raises(ScenarioError, match=r"must be readable \(Is a directory\)"):
+        ReadTable("FILE", str(tmp_path))
+
+
+def test_arrays_without_numbers(tmp_path):
+    np.savez(tmp_path / "a.npz", text="of no use", one=1.0)
+    with pytest.raises(ScenarioError, match="must have arrays of numbers, and has"):
+        ReadTable("FILE", str(tmp_path / "a.npz"))
