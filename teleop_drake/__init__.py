@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from teleop_drake.loops.draw.style import Figure
     from teleop_drake.loops.engine.parameters import NamedParameters
     from teleop_drake.loops.linear.delay_map import DelayMargins
-    from teleop_drake.loops.linear.latency import EstimateLatency
     from teleop_drake.loops.linear.ports import DelayMargin, LinearizePorts
     from teleop_drake.loops.run.recording import Recording
     from teleop_drake.loops.run.simulator import MakeSimulator
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
     from teleop_drake.model.teleoperator import MakeTeleoperator
     from teleop_drake.study.analysis.energy import TwoPortEnergyBalance
+    from teleop_drake.study.analysis.latency import EstimateLatency
     from teleop_drake.study.analysis.stability import AnalyzeStability
     from teleop_drake.study.analysis.stability_chart import ChartStability
     from teleop_drake.study.figures.analysis import (
@@ -119,7 +119,7 @@ __all__ = [
 _PLACES = {
     "loops.linear.delay_map": ["DelayMargins"],
     "study.analysis.energy": ["TwoPortEnergyBalance"],
-    "loops.linear.latency": ["EstimateLatency"],
+    "study.analysis.latency": ["EstimateLatency"],
     "study.analysis.stability_chart": ["ChartStability"],
     "study.figures.analysis": [
         "PlotBode",

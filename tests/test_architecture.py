@@ -252,7 +252,7 @@ def test_what_takes_a_system_imports_scenarios_when_needed(module):
 
 
 # Mathematics: no Drake, names in snake_case.
-OF_NUMBERS = ("model.laws", "loops.numerics")
+OF_NUMBERS = ("model.laws", "loops.numerics", "study.numerics")
 
 
 def test_imports_are_narrow():

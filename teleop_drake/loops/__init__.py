@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from teleop_drake.loops.engine.parameters import NamedParameters as NamedParameters
     from teleop_drake.loops.framework.validation import ScenarioError as ScenarioError
     from teleop_drake.loops.linear.delay_map import DelayMargins as DelayMargins
-    from teleop_drake.loops.linear.latency import EstimateLatency as EstimateLatency
     from teleop_drake.loops.linear.ports import DelayMargin as DelayMargin
     from teleop_drake.loops.linear.ports import LinearizePorts as LinearizePorts
     from teleop_drake.loops.page.diagram_page import MakePage as MakePage
@@ -42,7 +41,6 @@ _PLACES = {
     "Compile": "run.compiled_system",
     "DelayMargin": "linear.ports",
     "DelayMargins": "linear.delay_map",
-    "EstimateLatency": "linear.latency",
     "LinearizePorts": "linear.ports",
     "MakePage": "page.diagram_page",
     "MakeSimulator": "run.simulator",

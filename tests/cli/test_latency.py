@@ -8,7 +8,7 @@ import yaml
 from runs import Run
 
 from teleop_drake.cli import main
-from teleop_drake.loops.linear.latency import EstimateLatency
+from teleop_drake.study.analysis.latency import EstimateLatency
 
 pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 

@@ -13,8 +13,8 @@ from teleop_drake.loops.framework.validation import ScenarioError, Show
 if TYPE_CHECKING:
     import numpy as np
 
-    from teleop_drake.loops.linear.latency import Latency
     from teleop_drake.model.tables import Table
+    from teleop_drake.study.analysis.latency import Latency
 
 # The names of the lags by their order, in sentences.
 # Hidden packets are told if they are more than this share of the losses.
@@ -146,8 +146,8 @@ def _RefuseOptions(
 
 
 def _EstimateLatency(args: argparse.Namespace) -> int:
-    from teleop_drake.loops.linear.latency import EstimateLatency
     from teleop_drake.model.tables import ReadTable
+    from teleop_drake.study.analysis.latency import EstimateLatency
 
     table = ReadTable("FILE", args.file)
     command = table.Find(args.command_column)

@@ -7,7 +7,7 @@ from teleop_drake.loops.draw import style
 from teleop_drake.loops.draw.layout import MakePanels
 from teleop_drake.loops.draw.style import COLORS, GREY, Figure, Key, Look
 from teleop_drake.loops.framework.validation import CheckKind
-from teleop_drake.loops.linear.latency import Latency
+from teleop_drake.study.analysis.latency import Latency
 
 _HEIGHT = 5.6  # inches; of three rows
 

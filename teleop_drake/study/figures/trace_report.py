@@ -9,7 +9,7 @@ from teleop_drake.loops.draw import style
 from teleop_drake.loops.draw.layout import MakePanels
 from teleop_drake.loops.draw.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.loops.framework.validation import CheckKind
-from teleop_drake.loops.numerics.delay_statistics import least_delay_line
+from teleop_drake.study.numerics.delay_statistics import least_delay_line
 from teleop_drake.study.sweep.trace_report import HIGH, TraceReport
 
 _HEIGHT = 6.4  # inches; of three rows

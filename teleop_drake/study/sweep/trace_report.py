@@ -10,18 +10,18 @@ import numpy as np
 from teleop_drake.loops.delays.packet_options import Receiver
 from teleop_drake.loops.framework.arrays import Array, Indices, Record
 from teleop_drake.loops.framework.validation import CheckKind, ScenarioError
-from teleop_drake.loops.numerics.delay_statistics import (
-    burst_lengths,
-    delay_autocorrelation,
-    least_delay_line,
-    least_delay_slope_error,
-)
 from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.model.scenario import ARCHITECTURES, AsTeleoperation, LoadScenario
 from teleop_drake.model.scenario.overrides import Override
 from teleop_drake.model.tables.measured import BETWEEN_STAMPS
 from teleop_drake.model.tables.packets import Packets, ReadPackets
 from teleop_drake.study.analysis.stability import AnalyzeStability
+from teleop_drake.study.numerics.delay_statistics import (
+    burst_lengths,
+    delay_autocorrelation,
+    least_delay_line,
+    least_delay_slope_error,
+)
 from teleop_drake.study.sweep.plan import PlanSweep
 from teleop_drake.study.sweep.run import Execution, RunSweep
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.loops.linear.latency import EstimateLatency
+from teleop_drake.study.analysis.latency import EstimateLatency
 from teleop_drake.study.figures.latency import PlotLatency
 
 TIME = np.arange(300) * 0.02

@@ -14,16 +14,16 @@ from teleop_drake.loops.framework.validation import (
     Refuse,
     ScenarioError,
 )
-from teleop_drake.loops.numerics.dead_time import DeadTime, find_dead_time
-from teleop_drake.loops.numerics.delay_course import (
+from teleop_drake.study.numerics.dead_time import DeadTime, find_dead_time
+from teleop_drake.study.numerics.delay_course import (
     Course,
     delay_course,
     drift_error,
     missing_packets,
     row_spread,
 )
-from teleop_drake.loops.numerics.lagged_signal import Lag
-from teleop_drake.loops.numerics.signal_pair import SignalPair
+from teleop_drake.study.numerics.lagged_signal import Lag
+from teleop_drake.study.numerics.signal_pair import SignalPair
 
 LAGS = {"none": (0,), "first": (0, 1), "second": (0, 1, 2)}
 """The orders of the response's own lag that are allowed, by the name of the highest."""

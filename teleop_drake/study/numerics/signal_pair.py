@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.numerics.lagged_signal import Lag, free_motions, lagged
+from teleop_drake.study.numerics.lagged_signal import Lag, free_motions, lagged
 
 # The most rows that are fitted.
 _MOST_ROWS = 10_000

@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.loops.linear.latency on signals whose delay is known.
+"""Tests of teleop_drake.study.analysis.latency on signals whose delay is known.
 
 The command is a sum of sines. A lag turns and scales each of them, so that the response
 is known in closed form.
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.loops.framework.validation import ScenarioError
-from teleop_drake.loops.linear.latency import EstimateLatency
+from teleop_drake.study.analysis.latency import EstimateLatency
 
 H = 0.02
 TIME = np.arange(600) * H

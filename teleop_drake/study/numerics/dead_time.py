@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, Interval
-from teleop_drake.loops.numerics.lagged_signal import Lag, lagged
-from teleop_drake.loops.numerics.signal_pair import Fit, SignalPair
+from teleop_drake.study.numerics.lagged_signal import Lag, lagged
+from teleop_drake.study.numerics.signal_pair import Fit, SignalPair
 
 # The most points of the first search.
 _MOST_COARSE = 2**14

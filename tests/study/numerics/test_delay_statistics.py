@@ -1,10 +1,10 @@
-"""Tests of teleop_drake.loops.numerics.delay_statistics."""
+"""Tests of teleop_drake.study.numerics.delay_statistics."""
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from teleop_drake.loops.numerics.delay_statistics import (
+from teleop_drake.study.numerics.delay_statistics import (
     burst_lengths,
     delay_autocorrelation,
     least_delay_line,

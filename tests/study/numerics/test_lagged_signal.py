@@ -1,9 +1,9 @@
-"""Tests of teleop_drake.loops.numerics.lagged_signal."""
+"""Tests of teleop_drake.study.numerics.lagged_signal."""
 
 import numpy as np
 import pytest
 
-from teleop_drake.loops.numerics.lagged_signal import Lag, free_motions, lagged
+from teleop_drake.study.numerics.lagged_signal import Lag, free_motions, lagged
 
 TIME = np.arange(400) * 0.01
 TAU = 0.13

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, Indices
-from teleop_drake.loops.numerics.dead_time import independent_count
-from teleop_drake.loops.numerics.lagged_signal import lagged
-from teleop_drake.loops.numerics.signal_pair import Fit, SignalPair
+from teleop_drake.study.numerics.dead_time import independent_count
+from teleop_drake.study.numerics.lagged_signal import lagged
+from teleop_drake.study.numerics.signal_pair import Fit, SignalPair
 
 # A window whose delay has a larger standard error than this share of the time in which
 # the command changes by its own size tells nothing.

@@ -1,17 +1,17 @@
-"""Tests of teleop_drake.loops.numerics.delay_course."""
+"""Tests of teleop_drake.study.numerics.delay_course."""
 
 import numpy as np
 import pytest
 
-from teleop_drake.loops.numerics.dead_time import find_dead_time
-from teleop_drake.loops.numerics.delay_course import (
+from teleop_drake.study.numerics.dead_time import find_dead_time
+from teleop_drake.study.numerics.delay_course import (
     delay_course,
     drift_error,
     missing_packets,
     row_spread,
 )
-from teleop_drake.loops.numerics.lagged_signal import Lag
-from teleop_drake.loops.numerics.signal_pair import Fit, SignalPair
+from teleop_drake.study.numerics.lagged_signal import Lag
+from teleop_drake.study.numerics.signal_pair import Fit, SignalPair
 
 TIME = np.arange(1000) * 0.01
 DELAY = 0.2

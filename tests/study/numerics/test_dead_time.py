@@ -1,15 +1,15 @@
-"""Tests of teleop_drake.loops.numerics.dead_time and signal_pair."""
+"""Tests of teleop_drake.study.numerics.dead_time and signal_pair."""
 
 import numpy as np
 import pytest
 
-from teleop_drake.loops.numerics.dead_time import (
+from teleop_drake.study.numerics.dead_time import (
     common_count,
     find_dead_time,
     independent_count,
 )
-from teleop_drake.loops.numerics.lagged_signal import Lag
-from teleop_drake.loops.numerics.signal_pair import Fit, SignalPair
+from teleop_drake.study.numerics.lagged_signal import Lag
+from teleop_drake.study.numerics.signal_pair import Fit, SignalPair
 
 STEP = 0.02
 TIME = np.arange(400) * STEP

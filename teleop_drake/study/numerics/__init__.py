@@ -1,0 +1,1 @@
+"""The mathematics of measured signals, without Drake."""
