@@ -19,6 +19,9 @@ from teleop_drake.loops.numerics.state_space import StateSpace
 AXIS_TOLERANCE = 1e-8
 """The relative distance within which a root counts as on the imaginary axis."""
 
+# Magnitudes |l| whose logarithms agree to so many decimals count as equal.
+_DIGITS = 11
+
 # |log|l|| below this may be a rounding error of 0.
 _MAGNITUDE_TOLERANCE = 1e-10
 
@@ -77,8 +80,20 @@ def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
         frequencies: w in rad/s (K).
     """
     response = loop.finite_response(frequencies)
-    values = np.linalg.eigvals(response).astype(complex)
-    order = np.argsort(-np.abs(values), axis=1, kind="stable")
+    return by_size(np.linalg.eigvals(response).astype(complex))
+
+
+def by_size(values: ComplexArray) -> ComplexArray:
+    """Returns eigenvalues by descending magnitude (K, m), the upper of a pair first.
+
+    Without a rule for pairs, whose magnitudes differ by rounding only, both would be
+    taken for one where a magnitude of 1 is located.
+
+    Args:
+        values: Eigenvalues at some frequencies (K, m).
+    """
+    sizes = np.round(_log_size(values), _DIGITS)
+    order = np.lexsort((-values.imag, -sizes), axis=1)
     return np.take_along_axis(values, order, axis=1)
 
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from teleop_drake.loops.framework.arrays import Array, ComplexArray, Indices
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.loops.numerics.crossings import crossings_of
+from teleop_drake.loops.numerics.crossings import by_size, crossings_of
 from teleop_drake.loops.numerics.delayed_loop import (
     delay_through_zero,
     gain_at_once,
@@ -322,5 +322,4 @@ def _loci(S: ComplexArray) -> ComplexArray:
     values = S[:, :, 0] if S.shape[1] == 1 else np.linalg.eigvals(S)
     with np.errstate(divide="ignore", invalid="ignore"):
         loci = np.where(values == -1, np.inf, -values / (1 + values)).astype(complex)
-    order = np.argsort(-np.abs(loci), axis=1, kind="stable")
-    return np.take_along_axis(loci, order, axis=1)
+    return by_size(loci)
