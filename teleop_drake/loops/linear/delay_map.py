@@ -20,8 +20,8 @@ from teleop_drake.loops.linear.ports import (
     OpenedDiagram,
     RefuseBend,
 )
-from teleop_drake.loops.numerics.delay_map import delay_margins, strong_parts
-from teleop_drake.loops.numerics.state_space import StateSpace
+from teleop_drake.loops.numerics.delay_map import delay_margins
+from teleop_drake.loops.numerics.state_space import StateSpace, strong_parts
 
 _Place = tuple[System, int]
 """A system and the index of one of its inputs."""

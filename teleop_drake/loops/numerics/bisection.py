@@ -1,7 +1,4 @@
-"""Bisection: the point of an interval at which a condition ceases to hold.
-
-find_roots() needs fewer evaluations if the condition is the sign of a function.
-"""
+"""Bisection: the point of an interval at which a condition ceases to hold."""
 
 from collections.abc import Callable
 
@@ -13,10 +10,6 @@ from teleop_drake.loops.framework.arrays import Array
 # The number of equal parts into which each round divides an interval. All dividing
 # points are tried at once, which is faster in NumPy than halving repeatedly.
 _PARTS = 32
-
-# The largest number of rounds of find_roots(), and the relative size of its last step.
-_MOST_ROUNDS = 200
-_ROUNDING = 4e-16
 
 ROUNDS = 10
 """The default number of rounds, which narrow an interval to 2^-50 of its length."""
@@ -73,48 +66,3 @@ def bisect(
         lower = lower + still_holds.sum(axis=0) * part
         part = part / _PARTS
     return lower + _PARTS * part
-
-
-def find_roots(
-    function: Callable[[Array], Array],
-    low: ArrayLike,
-    high: ArrayLike,
-    most: int = _MOST_ROUNDS,
-) -> Array:
-    """Returns a root of a function in each of k intervals, to rounding (k).
-
-    The root is found by the secant method of the bracket that contains it. Where one
-    end of the bracket stays, the value there is halved, which moves the next secant.
-    Each third round halves the bracket. Where the function jumps, the result is the
-    point of the jump, not to rounding.
-
-    Source: M. Dowell and P. Jarratt, "A modified regula falsi method for computing the
-    root of an equation", BIT 11 (1971), the Illinois method.
-
-    Args:
-        function: Returns values at points (k), one for each interval.
-        low: Lower ends (k).
-        high: Upper ends (k); the values at both ends have different signs.
-        most: The largest number of rounds.
-    """
-    other = np.asarray(low, float)
-    x = np.asarray(high, float)
-    if not x.size:
-        return x
-    at_other = function(other)
-    at_x = function(x)
-    for k in range(most):
-        rise = np.where(at_x == at_other, 1.0, at_x - at_other)
-        is_secant = k % 3 < 2
-        step = (other - x) * (at_x / rise if is_secant else 0.5)
-        new = x + step
-        at_new = function(new)
-        has_crossed = np.signbit(at_new) != np.signbit(at_x)
-        other = np.where(has_crossed, x, other)
-        at_other = np.where(has_crossed, at_x, at_other / 2)
-        x = new
-        at_x = at_new
-        is_found = (np.abs(step) <= _ROUNDING * np.abs(x)) | (at_x == 0)
-        if is_secant and is_found.all():
-            break
-    return x

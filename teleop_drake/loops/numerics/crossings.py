@@ -11,9 +11,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize.elementwise import find_root
 
 from teleop_drake.loops.framework.arrays import Array, ComplexArray, Indices
-from teleop_drake.loops.numerics.bisection import find_roots
 from teleop_drake.loops.numerics.state_space import StateSpace
 
 AXIS_TOLERANCE = 1e-8
@@ -338,7 +338,11 @@ def locate(
         high: Upper ends (k).
     """
     which = np.asarray(columns, dtype=int)
-    found = find_roots(lambda w: measure(loci.at(w, which)), low, high)
+    if not which.size:
+        return np.empty(0), np.empty(0, complex)
+    found = find_root(
+        lambda w, column: measure(loci.at(w, column)), (low, high), args=(which,)
+    ).x
     return found, loci.at(found, which)
 
 

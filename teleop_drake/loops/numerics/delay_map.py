@@ -27,9 +27,8 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray, Indices
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Flags, Indices
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.loops.numerics.crossings import by_size, crossings_of
 from teleop_drake.loops.numerics.delayed_loop import (
@@ -38,7 +37,7 @@ from teleop_drake.loops.numerics.delayed_loop import (
     slowest_resolved,
     without_hidden_modes,
 )
-from teleop_drake.loops.numerics.state_space import StateSpace
+from teleop_drake.loops.numerics.state_space import StateSpace, strong_parts
 
 # The sweep of the frequency: its points per decade, how far it reaches below the
 # slowest mode, the number of points on each side of a weakly damped mode, the points
@@ -92,24 +91,6 @@ def delay_margins(
     return [margins[key] for key in keys]
 
 
-def strong_parts(matrix: Array) -> list[NDArray[np.bool_]]:
-    """Returns the strongly connected parts of a square matrix's graph, as masks.
-
-    A node that does not act on itself is in no part.
-    """
-    # Entry (i, j): whether j acts on i, by ways of at most 1, 2, 4, ... links.
-    acts = matrix != 0
-    while True:
-        counts = acts.astype(np.float32)
-        further = acts | (counts @ counts > 0)
-        if (further == acts).all():
-            break
-        acts = further
-    mutual = acts & acts.T
-    is_first = mutual.argmax(axis=1) == np.arange(len(mutual))
-    return list(mutual[is_first & mutual.diagonal()])
-
-
 class _Part:
     """A strongly connected part of a network.
 
@@ -118,7 +99,7 @@ class _Part:
         nodes: Whether each state, wire and delay is in the part.
     """
 
-    def __init__(self, network: StateSpace, nodes: NDArray[np.bool_]):
+    def __init__(self, network: StateSpace, nodes: Flags):
         n = network.num_states
         num_wires = network.num_open[0]
         wires = np.flatnonzero(nodes[n : n + num_wires])

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray, Flags
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
 from teleop_drake.loops.numerics.sample_schedule import (
     DIGITS,
     Clock,
@@ -33,7 +33,7 @@ from teleop_drake.loops.numerics.sample_schedule import (
     Schedule,
     common_period,
 )
-from teleop_drake.loops.numerics.state_space import close_loops
+from teleop_drake.loops.numerics.state_space import close_loops, strong_parts
 
 # Entries of M below this, relative to the largest, are rounding errors of 0.
 _NEGLIGIBLE = 1e-13
@@ -157,17 +157,13 @@ def check_finite(loop: SampledLoop) -> None:
     Raises:
         ContinuousDelayLoop: If there is one.
     """
-    num_delays = len(loop.delays)
-    if num_delays == 0:
+    if not loop.delays:
         return
+    n = loop.num_states
+    nodes = np.r_[0:n, loop.num_inner : loop.num_inner + len(loop.delays)]
     is_used = np.abs(loop.matrix) > _NEGLIGIBLE * np.abs(loop.matrix).max()
-    x = np.arange(loop.num_states)
-    d = loop.num_inner + np.arange(num_delays)
-    # Whether a state reaches another one through rates, in any number of steps.
-    reaches = _closure(is_used[np.ix_(x, x)] | np.eye(len(x), dtype=bool))
-    through = is_used[np.ix_(d, x)] @ reaches @ is_used[np.ix_(x, d)]
-    delays_reach = _closure(is_used[np.ix_(d, d)] | through)
-    found = np.flatnonzero(delays_reach.diagonal())
+    parts = strong_parts(is_used[np.ix_(nodes, nodes)])
+    found = np.flatnonzero(np.any([part[n:] for part in parts], axis=0))
     if len(found):
         times = sorted({loop.delays[i] for i in found})
         text = ", ".join(f"{time:g}" for time in times)
@@ -175,14 +171,6 @@ def check_finite(loop: SampledLoop) -> None:
             f"delays = {text} (s): must not be in a loop without a hold, whose sampled "
             "model has infinitely many states; a run shows its stability"
         )
-
-
-def _closure(edges: Flags) -> Flags:
-    """Returns which nodes reach which others through edges, a boolean matrix."""
-    reaches = edges
-    for _ in range(max(len(edges), 1).bit_length()):
-        reaches = reaches | (reaches @ reaches)
-    return reaches
 
 
 class _Terms:

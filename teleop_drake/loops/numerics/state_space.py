@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Flags
 from teleop_drake.loops.framework.validation import CheckNumber, Refuse
 
 # The default tolerance of minimal_realization(). It is well above the error of blocks
@@ -167,7 +167,7 @@ class StateSpace:
 
     def _beside_poles(
         self, s: ComplexArray, distance: float
-    ) -> tuple[ComplexArray, NDArray[np.bool_]]:
+    ) -> tuple[ComplexArray, Flags]:
         """Returns points moved upwards from poles, and which of the points are poles.
 
         Args:
@@ -282,6 +282,20 @@ def close_loops(matrix: Array, signals: ArrayLike) -> Array:
         allowed = "such that I - D of the closed signals is not singular"
         Refuse("D", matrix[np.ix_(i, i)], allowed)
     return matrix + matrix[:, i] @ np.linalg.solve(around, matrix[i])
+
+
+def strong_parts(matrix: Array) -> list[Flags]:
+    """Returns the strongly connected parts of a square matrix's graph, as masks.
+
+    Entry (i, j) tells whether node j acts on node i. A node that does not act on itself
+    is in no part.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    acts = matrix != 0
+    _, labels = connected_components(acts, connection="strong")
+    parts = [labels == label for label in dict.fromkeys(labels.tolist())]
+    return [part for part in parts if part.sum() > 1 or acts.diagonal()[part].any()]
 
 
 def state_space(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike) -> StateSpace:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.loops.numerics.bisection import bisect, find_roots, halve
+from teleop_drake.loops.numerics.bisection import bisect, halve
 
 
 def test_an_interval_is_halved_to_neighbours():
@@ -24,22 +24,3 @@ def test_many_intervals_at_once():
     limits = np.array([0.1, 0.7, 0.3])
     found = bisect(lambda x: x < limits, np.zeros(3), np.ones(3))
     assert found == pytest.approx(limits, abs=1e-15)
-
-
-def test_roots_of_functions_in_many_intervals():
-    powers = np.array([1.0, 3.0, 9.0, 31.0])
-    calls = []
-
-    def Function(x):
-        calls.append(x)
-        return x**powers - 2.0
-
-    found = find_roots(Function, np.full(4, 0.5), np.full(4, 4.0))
-    assert found == pytest.approx(2.0 ** (1 / powers), rel=1e-15)
-    assert len(calls) < 60
-    assert find_roots(Function, [], []).size == 0
-
-
-def test_the_root_of_a_function_that_jumps_is_the_jump():
-    found = find_roots(lambda x: np.where(x < 0.3, -690.0, 1e-3), [0.0], [1.0])
-    assert found == pytest.approx([0.3], rel=1e-9)

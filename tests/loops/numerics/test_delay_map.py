@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.loops.numerics.delay_map import delay_margins, strong_parts
+from teleop_drake.loops.numerics.delay_map import delay_margins
 from teleop_drake.loops.numerics.delayed_loop import gain_at_once, margins_of
-from teleop_drake.loops.numerics.state_space import StateSpace, close_loops, state_space
+from teleop_drake.loops.numerics.state_space import (
+    StateSpace,
+    close_loops,
+    state_space,
+    strong_parts,
+)
 
 
 def wires(*rows):
