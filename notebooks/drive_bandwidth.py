@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
-from teleop_drake.loops.draw.saving import SaveFigure
-from teleop_drake.loops.draw.style import FONT_SIZE, WIDTH, FormatAxes, RunStyle
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import CONTROLLERS, LoadScenario
 from teleop_drake.model.tasks.metrics import RunMetrics
+from teleop_drake.study.figures.saving import SaveFigure
+from teleop_drake.study.figures.style import FONT_SIZE, WIDTH, FormatAxes, RunStyle
 from teleop_drake.study.sweep import FlattenMetrics
 
 PICTURE = Path(__file__).parent.parent / "teleop_drake/docs/drive_bandwidth.png"

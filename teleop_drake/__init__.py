@@ -17,7 +17,6 @@ from teleop_drake.moved import FindMoved
 if TYPE_CHECKING:
     from teleop_drake.blocks import *  # noqa: F403
     from teleop_drake.loops.draw.block_diagram import WriteDiagram
-    from teleop_drake.loops.draw.style import Figure
     from teleop_drake.loops.engine.parameters import NamedParameters
     from teleop_drake.loops.linear.delay_map import DelayMargins
     from teleop_drake.loops.linear.ports import DelayMargin, LinearizePorts
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from teleop_drake.study.figures.notebook import ShowDiagram, ShowTable
     from teleop_drake.study.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.study.figures.scene import MakeReplay
+    from teleop_drake.study.figures.style import Figure
     from teleop_drake.study.figures.sweeps import PlotSweep
     from teleop_drake.study.figures.trace_report import PlotTraceReport
     from teleop_drake.study.link.remote import OperateRemotely, ServeRobot
@@ -129,7 +129,7 @@ _PLACES = {
     ],
     "study.figures.latency": ["PlotLatency"],
     "study.figures.notebook": ["RecordingHtml", "ShowDiagram", "ShowTable"],
-    "loops.draw.style": ["Figure"],
+    "study.figures.style": ["Figure"],
     "study.figures.sweeps": ["PlotSweep"],
     "study.figures.trace_report": ["PlotTraceReport"],
     "study.sweep.study": ["LoadStudy"],

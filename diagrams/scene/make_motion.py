@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from teleop_drake import Figure, LoadScenario, simulate
-from teleop_drake.loops.draw.style import COLORS
+from teleop_drake.study.figures.style import COLORS
 
 SCENARIO = "two_dof_combined"
 TITLES = {

@@ -10,7 +10,7 @@ from functools import wraps
 
 from matplotlib import rc_context
 
-from teleop_drake.loops.draw.style import FONT_SIZE, SMALL_FONT_SIZE, Figure
+from teleop_drake.study.figures.style import FONT_SIZE, SMALL_FONT_SIZE, Figure
 
 _STYLE = {
     "font.size": FONT_SIZE,

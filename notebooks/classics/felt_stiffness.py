@@ -15,9 +15,9 @@ import numpy as np
 
 from classics import InPageStyle
 from teleop_drake import LoadScenario, Scenario
-from teleop_drake.loops.draw.style import COLORS, GREY, LINES, Figure
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.transparency import FeltStiffness
+from teleop_drake.study.figures.style import COLORS, GREY, LINES, Figure
 
 BONE = 150.0  # N/m
 MASS, FRICTION = 0.5, 0.1  # of the slider, kg and N s/m

@@ -32,11 +32,11 @@ from numpy.typing import ArrayLike
 
 from classics import InPageStyle
 from teleop_drake import LoadScenario, Scenario
-from teleop_drake.loops.draw.style import COLORS, LINES, Figure
 from teleop_drake.loops.framework.arrays import Array, ComplexArray
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.stability import AnalyzeStability
 from teleop_drake.study.analysis.transparency import AnalyzeTransparency
+from teleop_drake.study.figures.style import COLORS, LINES, Figure
 
 BANDWIDTH = 50.0  # rad/s, of the local controllers
 SETTINGS: dict[str, dict[str, Any]] = {

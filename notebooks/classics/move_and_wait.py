@@ -20,7 +20,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integr
 
 from classics import InPageStyle
 from teleop_drake import MoveAndWaitConfig, Recording, TransportDelay, simulate
-from teleop_drake.loops.draw.style import COLORS, LINES, Figure
+from teleop_drake.study.figures.style import COLORS, LINES, Figure
 
 WAY = 0.1  # m
 SPEED = 0.1  # m/s

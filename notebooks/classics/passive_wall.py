@@ -27,9 +27,9 @@ from pydrake.systems.primitives import AffineSystem, Demultiplexer
 
 from classics import InPageStyle
 from teleop_drake import Recording, simulate
-from teleop_drake.loops.draw.style import COLORS, GREY, LINES, Figure
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.study.figures.style import COLORS, GREY, LINES, Figure
 
 PERIOD = 1e-3  # s
 STIFFNESS = 5000.0  # N/m

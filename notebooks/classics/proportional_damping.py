@@ -26,11 +26,11 @@ import numpy as np
 
 from classics import InPageStyle
 from teleop_drake import LoadScenario, Scenario
-from teleop_drake.loops.draw.style import COLORS, GREY, LINES, Figure
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.stability import AnalyzeStability
 from teleop_drake.study.analysis.transparency import AnalyzeTransparency
+from teleop_drake.study.figures.style import COLORS, GREY, LINES, Figure
 
 BRAKE = 0.92  # N s/m, B_m and the slave's own damper
 FRICTION = 0.1  # N s/m of the slider, which brakes it, too

@@ -28,7 +28,7 @@ from scipy.optimize import brentq
 
 from classics import InPageStyle
 from teleop_drake import simulate
-from teleop_drake.loops.draw.style import COLORS, GREY, Figure
+from teleop_drake.study.figures.style import COLORS, GREY, Figure
 
 FRICTION = 1.0  # N s/m
 PERIOD = 1e-3  # s

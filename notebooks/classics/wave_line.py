@@ -26,12 +26,12 @@ from scattering import delay_two_port, scattering_norm
 
 from classics import InPageStyle
 from teleop_drake import LoadScenario, Recording, WaveMaster, simulate
-from teleop_drake.loops.draw.style import COLORS, GREY, LINES, Figure
 from teleop_drake.model.stations import MakeArchitecture
 from teleop_drake.model.tasks.metrics import RunMetrics
 from teleop_drake.study.analysis.energy import TwoPortEnergyBalance
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.transparency import AnalyzeTransparency
+from teleop_drake.study.figures.style import COLORS, GREY, LINES, Figure
 
 IMPEDANCE = 0.92  # b in N s/m
 ROUND_TRIP = 0.2  # s

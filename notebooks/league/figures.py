@@ -10,10 +10,10 @@ from matplotlib.ticker import NullFormatter
 from league.entries import OneAxis, ReadEntries
 from league.felt import BAND, FELT_DELAY, FREQUENCIES
 from league.statistics import Row, Values
-from teleop_drake.loops.draw.style import COLORS, GREY, Figure
 from teleop_drake.study.analysis.operating_point import OperatingPoints
 from teleop_drake.study.analysis.transparency import FeltStiffness
 from teleop_drake.study.figures.analysis import PlotFeltStiffness
+from teleop_drake.study.figures.style import COLORS, GREY, Figure
 
 SHOWN = (
     "damper to command",

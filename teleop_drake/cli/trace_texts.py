@@ -33,7 +33,7 @@ def ReportOnTrace(args: argparse.Namespace) -> int:
         )
     written = []
     if args.figure is not None:
-        from teleop_drake.loops.draw.saving import SaveFigure
+        from teleop_drake.study.figures.saving import SaveFigure
         from teleop_drake.study.figures.trace_report import PlotTraceReport
 
         SaveFigure(PlotTraceReport(report), args.figure)

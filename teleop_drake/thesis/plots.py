@@ -9,14 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.loops.draw.layout import MakePanels
-from teleop_drake.loops.draw.style import (
-    BOUNDARY_STYLE,
-    COLORS,
-    WIDTH,
-    FormatAxes,
-    NameAbove,
-)
 from teleop_drake.loops.framework.surface import (
     CONTACT,
     FindSurface,
@@ -27,7 +19,15 @@ from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks.panels import AxisName, SignalRow
 from teleop_drake.model.teleoperator import MakeTeleoperator
+from teleop_drake.study.figures.layout import MakePanels
 from teleop_drake.study.figures.runs import PlotRows, PlotRun
+from teleop_drake.study.figures.style import (
+    BOUNDARY_STYLE,
+    COLORS,
+    WIDTH,
+    FormatAxes,
+    NameAbove,
+)
 from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
 
 ROW_HEIGHT = 1.9  # inches

@@ -18,8 +18,8 @@ from pydrake.systems.framework import DiagramBuilder
 from signal_delays import Conveyor, Square, TimeDelay, opposite
 
 from teleop_drake import MovingWindow, TransportDelay, simulate
-from teleop_drake.loops.draw.saving import SaveFigure
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
+from teleop_drake.study.figures.saving import SaveFigure
 
 PICTURE = Path(__file__).parents[2] / "teleop_drake" / "docs" / "delay_blocks.png"
 

@@ -211,8 +211,8 @@ def _Write(args: argparse.Namespace, latency: "Latency") -> list[str]:
         WriteTrace(args.out, *latency.Trace())
         written.append(args.out)
     if args.figure is not None:
-        from teleop_drake.loops.draw.saving import SaveFigure
         from teleop_drake.study.figures.latency import PlotLatency
+        from teleop_drake.study.figures.saving import SaveFigure
 
         SaveFigure(PlotLatency(latency), args.figure)
         written.append(args.figure)

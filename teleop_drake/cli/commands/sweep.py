@@ -277,7 +277,7 @@ def _Draw(
     is_separate: bool,
 ) -> tuple[list[Path], str]:
     """Draws the metrics; returns the files, and a note on what could not be drawn."""
-    from teleop_drake.loops.draw.saving import SaveFigure
+    from teleop_drake.study.figures.saving import SaveFigure
     from teleop_drake.study.figures.sweep_grid import MAX_PANELS, SweepGrid
     from teleop_drake.study.figures.sweeps import PlotSweep
 

@@ -21,7 +21,7 @@ The number of points is chosen such that all roots near or right of the imaginar
 are resolved. It is at most 200, enough for roots that turn by 300 radians within the
 delay. Faster roots may be missed.
 
-The method is independent of delay_margin, so that each can check the other.
+The method is independent of crossings, so that each can check the other.
 """
 
 import math

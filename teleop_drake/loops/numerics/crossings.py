@@ -1,8 +1,25 @@
 """The frequencies at which the eigenloci of a loop cross the unit circle.
 
-An eigenlocus is an eigenvalue l(j w) of the open loop's frequency response L(j w); see
-delay_margin. The frequency is swept, densely around each pole, and each crossing is
-located to rounding.
+The loop is cut open and closed again by a delay T. With the open loop L, it has the
+characteristic equation
+
+    det(I + L(s) e^(-s T)) = 0.                                                  (1)
+
+A root can change sides only through the imaginary axis, at s = j w, where
+|e^(-j w T)| = 1. There an eigenvalue l(j w) of L(j w) (an eigenlocus) has |l| = 1,
+whatever the delay. Only a few w meet this condition. Each belongs to the delays
+
+    T_k = (arg l - pi + 2 pi k)/w,   k = 0, 1, ...                               (2)
+
+At all of these delays the root crosses in the same direction: differentiating (1) gives
+sign Re ds/dT = -sign d|l|/dw. Where |l| falls through 1, a pair of roots becomes
+unstable; where |l| rises through 1, a pair becomes stable.
+
+The frequency is swept, densely around each pole, and each crossing is located to
+rounding.
+
+Source: K. L. Cooke and Z. Grossman, "Discrete delay, distributed delay and stability
+switches", J. Math. Anal. Appl. 86 (1982).
 """
 
 from collections.abc import Callable

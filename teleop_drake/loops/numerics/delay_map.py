@@ -13,7 +13,7 @@ v = (e^(-s T) - 1) s there, and the roots of the network those of
     det(I + S(s) (1 - e^(-s T))) = 0.                                            (2)
 
 The loop that is opened at these wires has the transfer function L = -S (I + S)^-1, and
-(2) is det(I + L(s) e^(-s T)) = 0 as in delay_margin. One sweep of the frequency finds S
+(2) is det(I + L(s) e^(-s T)) = 0 as in crossings. One sweep of the frequency finds S
 at all wires, so that a network of many wires takes hardly longer than one loop.
 
 Only signals that act on each other are in a loop: those of a strongly connected part of

@@ -10,7 +10,7 @@ T = 0. Its stability is found by collocation (characteristic_roots). If it is st
 root reaches the imaginary axis first
 
 * as T grows from 0: where an eigenvalue l(j w) of L(j w) has the magnitude 1, see
-  delay_margin;
+  crossings;
 * as k moves away from 1: where an eigenvalue is real and negative, and k = -1/l.
 
 If it is unstable, the same crossings bound all intervals of T or of k in which it is
@@ -23,19 +23,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray, Flags, Interval
+from teleop_drake.loops.framework.arrays import (
+    Array,
+    ComplexArray,
+    Flags,
+    Indices,
+    Interval,
+)
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.loops.numerics.crossings import (
+    AXIS_TOLERANCE,
     Crossing,
     LoopLoci,
     crossings_between,
     eigenloci,
     locate,
     sweep_frequencies,
-)
-from teleop_drake.loops.numerics.delay_margin import (
-    count_roots,
-    intervals_without_roots,
 )
 from teleop_drake.loops.numerics.margins import LARGEST_GAIN, Margins
 from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
@@ -233,6 +236,60 @@ def _stable_delays(
         for window in found
         if _is_stable(changed(loop, delay=sum(window) / 2), slow)
     ]
+
+
+def count_roots(
+    count: int, max_delay: float, crossings: list[Crossing]
+) -> tuple[Array, Indices]:
+    """Returns the number of unstable roots as a function of the delay.
+
+    Args:
+        count: The number without delay, not counting roots on the axis.
+        max_delay: The largest delay in s.
+        crossings: The crossings to be counted.
+
+    Returns:
+        Delays (K) in s, ascending from 0, and the number of unstable roots from each
+        delay to the next one (K); the last number holds up to max_delay.
+    """
+    changes: list[tuple[float, int]] = []
+    for crossing in crossings:
+        # A real root passes once, a pair at every delay of crossings (2).
+        is_pair = crossing.frequency > 0
+        period = 2 * math.pi / crossing.frequency if is_pair else math.inf
+        change = 2 * crossing.direction if is_pair else crossing.direction
+        delay = crossing.delay
+        if delay <= (AXIS_TOLERANCE * period if is_pair else 0.0):
+            # The roots are on the axis at T = 0, and not counted as unstable there. The
+            # next crossing follows a period later.
+            count += max(change, 0)
+            delay += period
+        while delay < max_delay:
+            changes.append((delay, change))
+            delay += period
+    changes.sort()
+    delays = [0.0, *(delay for delay, _ in changes)]
+    return np.array(delays), np.cumsum([count, *(change for _, change in changes)])
+
+
+def intervals_without_roots(
+    delays: Array, counts: Indices, max_delay: float
+) -> list[Interval]:
+    """Returns the intervals of delays in s in which no root is unstable.
+
+    Args:
+        delays: See count_roots().
+        counts: See count_roots().
+        max_delay: The end of the last interval in s.
+    """
+    ends = np.append(delays[1:], max_delay)
+    lasts = ends > delays
+    is_stable = counts[lasts] == 0
+    # The indices at which intervals of stability begin and end, alternately.
+    changes = np.flatnonzero(np.diff(is_stable, prepend=False, append=False))
+    begins = delays[lasts][changes[::2]]
+    finishes = ends[lasts][changes[1::2] - 1]
+    return list(zip(begins.tolist(), finishes.tolist(), strict=True))
 
 
 def _num_unstable(closed: StateSpace, slow: float) -> int:

@@ -41,7 +41,10 @@ from teleop_drake.loops.numerics.characteristic_roots import (
     rightmost,
 )
 from teleop_drake.loops.numerics.crossings import Crossing, closed_loop_matrix
-from teleop_drake.loops.numerics.delay_margin import (
+from teleop_drake.loops.numerics.delayed_loop import loop_frequencies, stable_gains
+from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
+from teleop_drake.study.analysis.loop_model import CutLoop, LoopModel, Motion
+from teleop_drake.study.numerics.delay_margin import (
     delay_margin,
     find_crossings,
     is_delay_robust,
@@ -49,9 +52,6 @@ from teleop_drake.loops.numerics.delay_margin import (
     stable_delays,
     unstable_roots,
 )
-from teleop_drake.loops.numerics.delayed_loop import loop_frequencies, stable_gains
-from teleop_drake.loops.numerics.state_space import StateSpace, minimal_realization
-from teleop_drake.study.analysis.loop_model import CutLoop, LoopModel, Motion
 
 MAX_DELAY = 2.0
 """The default upper end of the reported intervals of round-trip delays, in s."""

@@ -15,7 +15,6 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.loops.framework.validation import CheckNumber, ScenarioError
-from teleop_drake.loops.numerics.delay_margin import is_delay_robust
 from teleop_drake.model.blocks.environments import SurfacesOf
 from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.study.analysis.loop import Linearizer
@@ -31,6 +30,7 @@ from teleop_drake.study.analysis.point_stability import (
     AnalyzeModel,
     PointStability,
 )
+from teleop_drake.study.numerics.delay_margin import is_delay_robust
 
 NO_LOOP = "tracking has no loop with a delay"
 """The reason for refusing a task that is not a teleoperation."""

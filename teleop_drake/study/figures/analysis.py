@@ -16,16 +16,6 @@ from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import MakeMultiples, Panels
-from teleop_drake.loops.draw.style import (
-    GREY,
-    AddLegend,
-    Figure,
-    Key,
-    RunKeys,
-    RunStyle,
-)
 from teleop_drake.loops.framework.arrays import Array, ComplexArray, Interval
 from teleop_drake.loops.framework.validation import CheckKind, Refuse
 from teleop_drake.loops.numerics.crossings import eigenloci, sweep_frequencies
@@ -37,11 +27,21 @@ from teleop_drake.study.analysis.point_stability import PointStability
 from teleop_drake.study.analysis.stability import StabilityAnalysis
 from teleop_drake.study.analysis.stability_chart import StabilityChart
 from teleop_drake.study.analysis.transparency import FeltStiffness, Transparency
+from teleop_drake.study.figures import style
 from teleop_drake.study.figures.labels import AxisLabel
+from teleop_drake.study.figures.layout import MakeMultiples, Panels
 from teleop_drake.study.figures.port_models import (
     Model,
     PlotModelBode,
     PlotModelNyquist,
+)
+from teleop_drake.study.figures.style import (
+    GREY,
+    AddLegend,
+    Figure,
+    Key,
+    RunKeys,
+    RunStyle,
 )
 
 _ROW_HEIGHT = 1.9  # inches

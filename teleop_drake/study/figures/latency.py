@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import MakePanels
-from teleop_drake.loops.draw.style import COLORS, GREY, Figure, Key, Look
 from teleop_drake.loops.framework.validation import CheckKind
 from teleop_drake.study.analysis.latency import Latency
+from teleop_drake.study.figures import style
+from teleop_drake.study.figures.layout import MakePanels
+from teleop_drake.study.figures.style import COLORS, GREY, Figure, Key, Look
 
 _HEIGHT = 5.6  # inches; of three rows
 

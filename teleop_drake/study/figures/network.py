@@ -5,13 +5,13 @@ from matplotlib.axes import Axes
 
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.packet_options import Receiver
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import MakeMultiples
-from teleop_drake.loops.draw.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks import TaskOf
+from teleop_drake.study.figures import style
+from teleop_drake.study.figures.layout import MakeMultiples
+from teleop_drake.study.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 
 _HEIGHT = 4.9  # inches; of three rows
 

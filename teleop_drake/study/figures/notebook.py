@@ -11,13 +11,13 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.loops.draw.block_diagram import RenderSvg
-from teleop_drake.loops.draw.saving import DescribeFigure
 from teleop_drake.loops.run.recording import Recording
 from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.model.tasks import TaskOf
 from teleop_drake.model.tasks.metrics import MissingInWords, RunSentence, RunSummary
 from teleop_drake.study.figures.runs import PlotRun
+from teleop_drake.study.figures.saving import DescribeFigure
 from teleop_drake.study.sweep import FlattenMetrics, MetricUnits
 
 _DPI = 90

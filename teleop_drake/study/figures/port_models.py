@@ -13,8 +13,13 @@ from matplotlib.patches import Arc, Circle
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
 
-from teleop_drake.loops.draw.layout import MakeMultiples
-from teleop_drake.loops.draw.style import (
+from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.loops.linear.port_model import PortModel
+from teleop_drake.loops.linear.sampled_model import SampledModel
+from teleop_drake.loops.numerics.margins import Margins
+from teleop_drake.study.figures.layout import MakeMultiples
+from teleop_drake.study.figures.style import (
     GREY,
     AddLegend,
     Figure,
@@ -24,11 +29,6 @@ from teleop_drake.loops.draw.style import (
     RunKeys,
     RunStyle,
 )
-from teleop_drake.loops.framework.arrays import Array, ComplexArray
-from teleop_drake.loops.framework.validation import Refuse
-from teleop_drake.loops.linear.port_model import PortModel
-from teleop_drake.loops.linear.sampled_model import SampledModel
-from teleop_drake.loops.numerics.margins import Margins
 
 Model = PortModel | SampledModel
 

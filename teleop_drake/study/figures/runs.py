@@ -17,10 +17,6 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import MakePanels
-from teleop_drake.loops.draw.saving import SaveFigure
-from teleop_drake.loops.draw.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
 from teleop_drake.loops.framework.arrays import Array, Interval
 from teleop_drake.loops.framework.validation import CheckKind, Refuse
 from teleop_drake.loops.run.recording import CheckRecording, Recording
@@ -29,9 +25,19 @@ from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.model.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.model.tasks import Task, TaskOf
 from teleop_drake.model.tasks.panels import AxisName, NormalOfRuns, SignalRow
+from teleop_drake.study.figures import style
 from teleop_drake.study.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.study.figures.labels import ShortLabels
+from teleop_drake.study.figures.layout import MakePanels
+from teleop_drake.study.figures.saving import SaveFigure
 from teleop_drake.study.figures.selection import CheckRecordings, SelectRows, SelectTime
+from teleop_drake.study.figures.style import (
+    GREY,
+    SMALL_FONT_SIZE,
+    Figure,
+    Key,
+    RunStyle,
+)
 
 _ROW_HEIGHT = 1.2  # inches
 _LOW_ROW_HEIGHT = 0.9  # inches; where there are several banks

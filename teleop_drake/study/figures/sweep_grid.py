@@ -10,12 +10,10 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import MakePanels, Panels
-from teleop_drake.loops.draw.style import FONT_SIZE, Figure, Key
 from teleop_drake.loops.framework.arrays import Array, Interval
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.signals import ScaleAndUnit
+from teleop_drake.study.figures import style
 from teleop_drake.study.figures.labels import (
     DELAYS,
     AxisLabel,
@@ -24,6 +22,8 @@ from teleop_drake.study.figures.labels import (
     ShortLabels,
     ValueLabel,
 )
+from teleop_drake.study.figures.layout import MakePanels, Panels
+from teleop_drake.study.figures.style import FONT_SIZE, Figure, Key
 from teleop_drake.study.sweep import SweepResult, TaskSweepResult, VariesSeedsOnly
 from teleop_drake.study.sweep.statistics import CONTROLLERS
 from teleop_drake.study.sweep.values import SEED

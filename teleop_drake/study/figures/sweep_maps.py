@@ -9,12 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import Panels
-from teleop_drake.loops.draw.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
 from teleop_drake.loops.framework.arrays import Array, Interval
 from teleop_drake.loops.framework.validation import Refuse
+from teleop_drake.study.figures import style
 from teleop_drake.study.figures.labels import AxisLabel
+from teleop_drake.study.figures.layout import Panels
+from teleop_drake.study.figures.style import (
+    FONT_SIZE,
+    GREY,
+    SMALL_FONT_SIZE,
+    Figure,
+    Key,
+)
 from teleop_drake.study.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
 from teleop_drake.study.sweep import SweepResult
 from teleop_drake.study.sweep.boundary import Boundary

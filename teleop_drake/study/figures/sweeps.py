@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.validation import CheckKind
+from teleop_drake.study.figures import style
+from teleop_drake.study.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
 from teleop_drake.study.figures.sweep_grid import (
     MAX_NAMED_LINES,
     MetricScale,

@@ -5,10 +5,10 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 
-from teleop_drake.loops.draw import style
-from teleop_drake.loops.draw.layout import MakePanels
-from teleop_drake.loops.draw.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.loops.framework.validation import CheckKind
+from teleop_drake.study.figures import style
+from teleop_drake.study.figures.layout import MakePanels
+from teleop_drake.study.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.study.numerics.delay_statistics import least_delay_line
 from teleop_drake.study.sweep.trace_report import HIGH, TraceReport
 

@@ -5,7 +5,13 @@ import math
 import pytest
 from delayed_systems import Scalar
 
-from teleop_drake.loops.numerics.delay_margin import find_crossings
+from teleop_drake.loops.numerics.crossings import crossings_between, sweep_frequencies
+
+
+def find_crossings(loop):
+    """Returns the crossings of a loop without neutral roots, by frequency."""
+    found = crossings_between(loop, sweep_frequencies(loop))
+    return sorted(found, key=lambda crossing: crossing.frequency)
 
 
 def test_narrow_resonance_is_not_overlooked():

@@ -10,7 +10,6 @@ import pytest
 from grids import Slow
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.loops.numerics.delay_margin import is_delay_robust
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.study.analysis.operating_point import (
@@ -21,6 +20,7 @@ from teleop_drake.study.analysis.operating_point import (
 )
 from teleop_drake.study.analysis.stability import AnalyzeStability
 from teleop_drake.study.analysis.stability_chart import ChartStability
+from teleop_drake.study.numerics.delay_margin import is_delay_robust
 
 # The tests share analyses, and therefore run in one process.
 pytestmark = pytest.mark.xdist_group("stability")

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.loops.draw.saving import DescribeFigure
 from teleop_drake.loops.numerics.state_space import state_space
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.study.analysis.operating_point import POSITION, OperatingPoints
@@ -25,6 +24,7 @@ from teleop_drake.study.figures.analysis import (
     PlotTransparency,
 )
 from teleop_drake.study.figures.runs import SaveFigure
+from teleop_drake.study.figures.saving import DescribeFigure
 
 # They look at the same analyses.
 pytestmark = pytest.mark.xdist_group("analyses")

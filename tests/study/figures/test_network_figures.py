@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from runs import Run
 
-from teleop_drake.loops.draw.saving import DescribeFigure
 from teleop_drake.study.figures.network import Networks, PlotNetwork
+from teleop_drake.study.figures.saving import DescribeFigure
 
 NETWORK = (
     "forward_channel={kind: network, delay: 0.05, sample_period: 0.02, "

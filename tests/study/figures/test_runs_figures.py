@@ -12,8 +12,6 @@ from matplotlib.figure import Figure
 from scene_recordings import SOLVER
 from surfaces import Border
 
-from teleop_drake.loops.draw.saving import DescribeFigure
-from teleop_drake.loops.draw.style import COLORS, RunStyle
 from teleop_drake.loops.run.recording import Event, Recording
 from teleop_drake.model.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.model.task_recording import TaskRecording
@@ -24,7 +22,9 @@ from teleop_drake.study.figures.runs import (
     PlotRun,
     SaveFigure,
 )
+from teleop_drake.study.figures.saving import DescribeFigure
 from teleop_drake.study.figures.selection import SelectTime
+from teleop_drake.study.figures.style import COLORS, RunStyle
 
 TASKS = {"one_dof": 1, "two_dof_combined": 2}
 

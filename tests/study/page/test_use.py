@@ -12,9 +12,9 @@ from servo import Servo
 
 from teleop_drake import MakePage, WritePage
 from teleop_drake.cli import main
-from teleop_drake.loops.draw.style import COLORS
 from teleop_drake.loops.page.colors import DARK_PAPER, LIGHT_PAPER, PageColor
 from teleop_drake.model.scenario import LoadScenario, ScenarioNames
+from teleop_drake.study.figures.style import COLORS
 
 pytestmark = pytest.mark.xdist_group("browser")
 

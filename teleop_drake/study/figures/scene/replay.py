@@ -13,7 +13,6 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from teleop_drake.loops.draw.style import GREY, RunColor
 from teleop_drake.loops.framework.files import WriteText
 from teleop_drake.loops.framework.validation import CheckKind
 from teleop_drake.loops.run.recording import Recording
@@ -26,6 +25,7 @@ from teleop_drake.study.figures.scene.scene import (
     FindOperator,
     LooksOf,
 )
+from teleop_drake.study.figures.style import GREY, RunColor
 
 # Slow motion begins _SLOW_BEFORE s before a puncture or a contact, and ends _SLOW_AFTER
 # s after the operator feels it. Only the first events of a kind are slowed down.

@@ -18,7 +18,6 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 
-from teleop_drake.loops.draw.style import GREY, RunColor
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.model.blocks.environments import (
     CONTACT,
@@ -29,6 +28,7 @@ from teleop_drake.model.blocks.environments import (
 from teleop_drake.model.task_recording import TaskRecording
 from teleop_drake.study.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
 from teleop_drake.study.figures.selection import CheckRecordings
+from teleop_drake.study.figures.style import GREY, RunColor
 
 ROOT = "/teleop"
 """Path of all drawings of the package, in metres and the robot's world frame."""

@@ -7,7 +7,7 @@ from matplotlib import rc_context
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
-from teleop_drake.loops.draw.style import FONT_SIZE, SMALL_FONT_SIZE, WIDTH, Figure
+from teleop_drake.study.figures.style import FONT_SIZE, SMALL_FONT_SIZE, WIDTH, Figure
 
 Panels = NDArray[Any]
 """Axes of Matplotlib (rows, columns)."""

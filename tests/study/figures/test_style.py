@@ -6,8 +6,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from teleop_drake import Sweep
-from teleop_drake.loops.draw.style import COLORS, Figure
 from teleop_drake.study.figures.labels import ShortLabels
+from teleop_drake.study.figures.style import COLORS, Figure
 
 
 def test_a_figure_of_ones_own_has_the_colours_and_open_axes():

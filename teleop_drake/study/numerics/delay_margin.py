@@ -5,16 +5,8 @@ has the characteristic equation
 
     det(I + L(s) e^(-s T)) = 0.                                                  (1)
 
-The delay is exact, not a Pade approximation. A root can change sides only through the
-imaginary axis, at s = j w, where |e^(-j w T)| = 1. There an eigenvalue l(j w) of
-L(j w) (an eigenlocus) has |l| = 1, whatever the delay. Only a few w meet this
-condition. Each belongs to the delays
-
-    T_k = (arg l - pi + 2 pi k)/w,   k = 0, 1, ...                               (2)
-
-At all of these delays the root crosses in the same direction: differentiating (1) gives
-sign Re ds/dT = -sign d|l|/dw. Where |l| falls through 1, a pair of roots becomes
-unstable; where |l| rises through 1, a pair becomes stable. The number of unstable roots
+The delay is exact, not a Pade approximation. loops.numerics.crossings tells where roots
+cross the imaginary axis, and at which delays (2). The number of unstable roots
 at T = 0 follows from an eigenvalue problem, and the number at every other T by
 counting. As T grows, the loop may lose stability and regain it.
 
@@ -35,7 +27,6 @@ left side of (1) times det(s I - A) is s^k g(s, T), and a root passes through 0 
 g(0, T), a polynomial in T, is zero.
 """
 
-import math
 from functools import partial
 
 import numpy as np
@@ -47,6 +38,10 @@ from teleop_drake.loops.numerics.crossings import (
     closed_loop_matrix,
     crossings_between,
     sweep_frequencies,
+)
+from teleop_drake.loops.numerics.delayed_loop import (
+    count_roots,
+    intervals_without_roots,
 )
 from teleop_drake.loops.numerics.state_space import StateSpace
 
@@ -121,39 +116,6 @@ def unstable_roots(
     return count_roots(_unstable_without_delay(loop, slow), max_delay, crossings)
 
 
-def count_roots(
-    count: int, max_delay: float, crossings: list[Crossing]
-) -> tuple[Array, Indices]:
-    """Returns the number of unstable roots as a function of the delay.
-
-    Args:
-        count: The number without delay, not counting roots on the axis.
-        max_delay: The largest delay in s.
-        crossings: The crossings to be counted.
-
-    Returns:
-        As unstable_roots().
-    """
-    changes: list[tuple[float, int]] = []
-    for crossing in crossings:
-        # A real root passes once, a pair at every delay of (2).
-        is_pair = crossing.frequency > 0
-        period = 2 * math.pi / crossing.frequency if is_pair else math.inf
-        change = 2 * crossing.direction if is_pair else crossing.direction
-        delay = crossing.delay
-        if delay <= (AXIS_TOLERANCE * period if is_pair else 0.0):
-            # The roots are on the axis at T = 0, and not counted as unstable there. The
-            # next crossing follows a period later.
-            count += max(change, 0)
-            delay += period
-        while delay < max_delay:
-            changes.append((delay, change))
-            delay += period
-    changes.sort()
-    delays = [0.0, *(delay for delay, _ in changes)]
-    return np.array(delays), np.cumsum([count, *(change for _, change in changes)])
-
-
 def _unstable_without_delay(loop: StateSpace, slow: float) -> int:
     """Returns the number of roots right of the imaginary axis without delay.
 
@@ -191,26 +153,6 @@ def stable_delays(
         return []
     delays, counts = unstable_roots(loop, max_delay, crossings, slow)
     return intervals_without_roots(delays, counts, max_delay)
-
-
-def intervals_without_roots(
-    delays: Array, counts: Indices, max_delay: float
-) -> list[Interval]:
-    """Returns the intervals of delays in s in which no root is unstable.
-
-    Args:
-        delays: See unstable_roots().
-        counts: See unstable_roots().
-        max_delay: The end of the last interval in s.
-    """
-    ends = np.append(delays[1:], max_delay)
-    lasts = ends > delays
-    is_stable = counts[lasts] == 0
-    # The indices at which intervals of stability begin and end, alternately.
-    changes = np.flatnonzero(np.diff(is_stable, prepend=False, append=False))
-    begins = delays[lasts][changes[::2]]
-    finishes = ends[lasts][changes[1::2] - 1]
-    return list(zip(begins.tolist(), finishes.tolist(), strict=True))
 
 
 def delay_margin(

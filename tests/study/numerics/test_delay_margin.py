@@ -8,14 +8,14 @@ from delayed_systems import Retarded, Scalar
 from grids import Slow
 from scipy.linalg import eigvals
 
-from teleop_drake.loops.numerics import delay_margin as numerics
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.loops.numerics.delay_margin import (
+from teleop_drake.loops.numerics.state_space import state_space
+from teleop_drake.study.numerics import delay_margin as numerics
+from teleop_drake.study.numerics.delay_margin import (
     find_crossings,
     is_delay_robust,
     neutral_root_count,
 )
-from teleop_drake.loops.numerics.state_space import state_space
 
 
 def delay_margin(loop):
