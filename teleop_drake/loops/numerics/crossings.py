@@ -36,8 +36,8 @@ from teleop_drake.loops.numerics.state_space import StateSpace
 AXIS_TOLERANCE = 1e-8
 """The relative distance within which a root counts as on the imaginary axis."""
 
-# Magnitudes |l| whose logarithms agree to so many decimals count as equal.
-_DIGITS = 11
+# Magnitudes |l| whose logarithms differ by less than this count as equal.
+_EQUAL = 1e-11
 
 # |log|l|| below this may be a rounding error of 0.
 _MAGNITUDE_TOLERANCE = 1e-10
@@ -109,8 +109,13 @@ def by_size(values: ComplexArray) -> ComplexArray:
     Args:
         values: Eigenvalues at some frequencies (K, m).
     """
-    sizes = np.round(_log_size(values), _DIGITS)
-    order = np.lexsort((-values.imag, -sizes), axis=1)
+    order = np.argsort(-np.abs(values), axis=1, kind="stable")
+    values = np.take_along_axis(values, order, axis=1)
+    # Neighbours of equal size have the same rank.
+    with np.errstate(invalid="ignore"):  # Infinite values are equal.
+        falls = np.diff(_log_size(values), axis=1) < -_EQUAL
+    ranks = np.cumsum(np.pad(falls, ((0, 0), (1, 0))), axis=1)
+    order = np.lexsort((-values.imag, ranks), axis=1)
     return np.take_along_axis(values, order, axis=1)
 
 
