@@ -4,7 +4,6 @@ import itertools
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -12,8 +11,8 @@ from matplotlib.lines import Line2D
 
 from teleop_drake.loops.draw import style
 from teleop_drake.loops.draw.layout import MakePanels, Panels
-from teleop_drake.loops.draw.style import FONT_SIZE, Figure, Key
-from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.draw.style import FONT_SIZE, Figure, Key, Look
+from teleop_drake.loops.framework.arrays import Array, Interval, Record
 from teleop_drake.loops.framework.signals import ScaleAndUnit
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.study.figures.labels import (
@@ -154,7 +153,7 @@ class SweepGrid:
                 pad=2,
             )
 
-    def LineStyle(self, i: int) -> dict[str, Any]:
+    def LineStyle(self, i: int) -> Look:
         """Returns the style of line i; values of several controllers are not joined."""
         if self.x_names:
             return {"color": style.COLORS[0], "linestyle": "none"}
@@ -184,7 +183,7 @@ class SweepGrid:
         ]
 
 
-def _Points(result: SweepResult, keys: Sequence[str]) -> list[dict[str, Any]]:
+def _Points(result: SweepResult, keys: Sequence[str]) -> list[Record]:
     """Returns all combinations of the values of some keys."""
     values = (result.axes[key] for key in keys)
     return [dict(zip(keys, point, strict=True)) for point in itertools.product(*values)]

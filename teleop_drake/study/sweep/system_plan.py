@@ -85,11 +85,11 @@ class SystemPlan(AnyPlan[SweepResult]):
     system: System | SystemMaker
     context: Context | None
     duration: float
-    solver: dict[str, Any]
+    solver: Record
     metrics: dict[str, Callable[[Recording], float]]
     subject: _Subject | None = field(default=None, repr=False)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Record:
         """Returns the fields except `subject`, which another process makes anew."""
         return {**vars(self), "subject": None}
 
@@ -250,7 +250,7 @@ def PlanSystemSweep(
 
     def Load(point: Point) -> None:
         numbers = {name: value for name, value in point.items() if name != SEED}
-        constants: dict[System, dict[str, Any]] | None = {}
+        constants: dict[System, Record] | None = {}
         if subject.program is None:
             constants = None
         SetNumbers(subject.system, subject.context.Clone(), numbers, constants)

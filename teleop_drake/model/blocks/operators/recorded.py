@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from teleop_drake.loops.framework.arrays import Interval
 from teleop_drake.loops.framework.kinds import FileOf, GivenFile
 from teleop_drake.loops.framework.validation import REQUIRED, Config, Refuse
 from teleop_drake.loops.numerics.piecewise_polynomial import linear_pieces
@@ -52,7 +53,7 @@ class RecordedConfig(PlannedConfig):
         )
 
 
-def _Ends(motion: Motion) -> list[tuple[float, float]]:
+def _Ends(motion: Motion) -> list[Interval]:
     """Returns the times of the rows, where the velocity bends; see Plan.ends."""
     times = motion.times
     if motion.period is None:
