@@ -169,7 +169,7 @@ class SystemPlan(AnyPlan[SweepResult]):
     def Simulate(self, point: Point, programs: Programs) -> Recording:
         """Simulates a run; runs share one program where their numbers allow it."""
         subject = self.Subject(programs)
-        numbers = {name: value for name, value in point.items() if name != SEED}
+        numbers = _NumbersAt(point)
         context = self.ContextAt(point, subject)
         if subject.program is not None:
             try:
@@ -249,14 +249,20 @@ def PlanSystemSweep(
         _CheckSeeds(plan, subject)
 
     def Load(point: Point) -> None:
-        numbers = {name: value for name, value in point.items() if name != SEED}
         constants: dict[System, Record] | None = {}
         if subject.program is None:
             constants = None
-        SetNumbers(subject.system, subject.context.Clone(), numbers, constants)
+        SetNumbers(
+            subject.system, subject.context.Clone(), _NumbersAt(point), constants
+        )
 
     CheckValues(Load, axes, points)
     return plan
+
+
+def _NumbersAt(point: Point) -> Record:
+    """Returns the numbers of a point, without its seed."""
+    return {name: value for name, value in point.items() if name != SEED}
 
 
 def _AreEqual(context: Context, other: Context) -> bool:
