@@ -103,6 +103,22 @@ def Names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
+def RefuseOptions(
+    args: argparse.Namespace, names: "Iterable[str]", allowed: str
+) -> None:
+    """Refuses options that are given, because they would have no effect.
+
+    Args:
+        names: The names of the options in `args`.
+        allowed: Why they must be left out, such as "left out with --seeds".
+    """
+    for name in names:
+        value = getattr(args, name, None)
+        if value not in (None, [], "auto"):
+            option = name.removesuffix("_column").replace("_", "-")
+            Refuse(f"--{option}", value, allowed)
+
+
 class _Collect(argparse.Action):
     """Appends names to those of the same option before, or replaces its default."""
 
