@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.loops.framework.validation import CheckChoice, Choices, Refuse
+from teleop_drake.loops.framework.validation import CheckChoice, Refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -189,8 +189,7 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
     from teleop_drake.loops.framework.files import FIGURE_FORMATS
 
     for name in args.format:
-        if name not in FIGURE_FORMATS:
-            Refuse("--format", ",".join(args.format), Choices(name, FIGURE_FORMATS))
+        CheckChoice("--format", name, FIGURE_FORMATS)
     return list(dict.fromkeys(args.format))
 
 

@@ -52,7 +52,7 @@ def Execute(args: argparse.Namespace) -> int:
         if args.seeds < 2:
             Refuse("--seeds", args.seeds, "2 or more")
     output.CheckJson(args.json)
-    output.CheckHtml(args.html)
+    output.CheckFile(args.html, "--html", *output.HTML)
     overrides = [  # The controllers that are compared replace a given one.
         (path, value)
         for path, value in ParseOverrides(options.OverridesOf(args))

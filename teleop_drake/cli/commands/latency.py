@@ -1,7 +1,6 @@
 """The command `teleop-drake latency`."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import output
@@ -105,7 +104,7 @@ def Execute(args: argparse.Namespace) -> int:
     """Estimates the delay between two columns of a file, or reports on a trace."""
     output.CheckJson(args.json)
     output.CheckFile(args.out, "--out")
-    _CheckFigure(args.figure)
+    output.CheckFile(args.figure, "--figure", ".png", ".svg", ".pdf")
     if args.trace is not None:
         RefuseOptions(args, _OF_SIGNALS, "left out with --trace")
         from teleop_drake.cli.trace_texts import ReportOnTrace
@@ -146,16 +145,6 @@ def _EstimateLatency(args: argparse.Namespace) -> int:
     rows = f"{table.origin}: {len(time)} rows in {time[-1]:.4g} s"
     output.Tell(args, latency.ToRecord(), rows, _Sentences(latency), written=written)
     return DONE if latency.delay is not None else FAILED
-
-
-def _CheckFigure(file: str | None) -> None:
-    if file is None:
-        return
-    from teleop_drake.loops.framework.files import FIGURE_FORMATS
-
-    if Path(file).suffix.removeprefix(".") not in FIGURE_FORMATS:
-        raise BadInput(f"--figure = {file!r}: must end in .png, .svg or .pdf")
-    output.CheckFile(file, "--figure")
 
 
 def _Times(table: "Table", args: argparse.Namespace) -> "np.ndarray":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.output import CheckHtml, OpenInBrowser
+from teleop_drake.cli.output import HTML, CheckFile, OpenInBrowser
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.loops.framework.validation import Refuse
 
@@ -44,7 +44,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Replays recordings, or simulates a scenario and replays its runs."""
-    CheckHtml(args.out, "--out")
+    CheckFile(args.out, "--out", *HTML)
     has_files = args.scenario.endswith(".npz")
     num_shown = 1 + len(args.more) if has_files else len(options.ControllersOf(args))
     if num_shown > _MAX_SHOWN:
