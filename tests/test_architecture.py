@@ -225,8 +225,6 @@ def test_unknown_modules_are_those_of_the_user():
         if ImportsUnknownModules(Source(path))
     ]
     assert found == [
-        "__init__.py",
-        "blocks/__init__.py",
         "loops/__init__.py",
         "loops/jit/following.py",
         "model/kinds.py",

@@ -1,5 +1,6 @@
 """Tests of what `import teleop_drake` offers."""
 
+import ast
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ import yaml
 from pydrake.systems.framework import DiagramBuilder
 
 import teleop_drake as dut
+from teleop_drake.loops import ReadStub
 from teleop_drake.model.teleoperator import AddTeleoperator
 
 
@@ -68,9 +70,10 @@ def test_import_is_light():
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
+    rooms = ["blocks", "loops", "moved"]
     assert (
         run.stdout
-        == "['teleop_drake', 'teleop_drake.blocks', 'teleop_drake.moved'] False\n"
+        == f"{['teleop_drake', *(f'teleop_drake.{x}' for x in rooms)]} False\n"
     )
 
 
@@ -105,10 +108,14 @@ def test_names_are_those_of_their_files(name):
     assert name in dir(dut)
 
 
-def test_every_name_has_one_place():
-    places = [name for names in dut._PLACES.values() for name in names]
-    expected = sorted([*dut.__all__, "RecordingHtml"])
-    assert sorted([*places, *dut.blocks.__all__]) == expected
+@pytest.mark.parametrize("package", [dut, dut.blocks, dut.loops])
+def test_every_import_of_a_stub_is_read(package):
+    """`ReadStub` is a regular expression; Python's parser finds the same names."""
+    stub = Path(package.__file__).with_suffix(".pyi").read_text("utf-8")
+    imports = [x for x in ast.parse(stub).body if isinstance(x, ast.ImportFrom)]
+    places = {alias.name: x.module for x in imports for alias in x.names}
+    assert ReadStub(package.__file__) == places
+    assert len(imports) == len(places)
 
 
 def test_an_unknown_name_is_an_attribute_error():

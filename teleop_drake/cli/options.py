@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.loops.framework.validation import CheckChoice, Choices, Refuse
+from teleop_drake.loops.framework.validation import CheckChoice, Refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -103,6 +103,22 @@ def Names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
 
 
+def RefuseOptions(
+    args: argparse.Namespace, names: "Iterable[str]", allowed: str
+) -> None:
+    """Refuses options that are given, because they would have no effect.
+
+    Args:
+        names: The names of the options in `args`.
+        allowed: Why they must be left out, such as "left out with --seeds".
+    """
+    for name in names:
+        value = getattr(args, name, None)
+        if value not in (None, [], "auto"):
+            option = name.removesuffix("_column").replace("_", "-")
+            Refuse(f"--{option}", value, allowed)
+
+
 class _Collect(argparse.Action):
     """Appends names to those of the same option before, or replaces its default."""
 
@@ -173,8 +189,7 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
     from teleop_drake.loops.framework.files import FIGURE_FORMATS
 
     for name in args.format:
-        if name not in FIGURE_FORMATS:
-            Refuse("--format", ",".join(args.format), Choices(name, FIGURE_FORMATS))
+        CheckChoice("--format", name, FIGURE_FORMATS)
     return list(dict.fromkeys(args.format))
 
 

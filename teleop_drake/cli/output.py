@@ -12,6 +12,9 @@ from teleop_drake.loops.framework.files import IsDevice, TemporaryPath
 from teleop_drake.loops.framework.files import WriteText as WriteText
 from teleop_drake.loops.framework.validation import Refuse
 
+HTML = (".html", ".htm")
+"""The suffixes of pages."""
+
 
 def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
     """Makes a folder, checks that files can be written there, and returns their paths.
@@ -35,25 +38,26 @@ def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
     return paths
 
 
-def CheckFile(file: str | None, option: str) -> None:
-    """Raises BadInput if a file cannot be written; None is allowed."""
-    if file is not None:
-        _CheckWritable(Path(file), f"{option} = {file!r}")
+def CheckFile(file: str | None, option: str, *suffixes: str) -> None:
+    """Raises BadInput if a file cannot be written; None is allowed.
+
+    Args:
+        file: The file, or a device.
+        option: The option that names it, for messages.
+        suffixes: What the name of a file has to end in; empty: anything.
+    """
+    if file is None:
+        return
+    path = Path(file)
+    if suffixes and path.suffix not in suffixes and not IsDevice(path):
+        raise BadInput(f"{option} = {file!r}: must end in {' or '.join(suffixes)}")
+    _CheckWritable(path, f"{option} = {file!r}")
 
 
 def CheckJson(file: str | None) -> None:
     """Raises BadInput if --json cannot be written; "-" and None are allowed."""
     if file != "-":
         CheckFile(file, "--json")
-
-
-def CheckHtml(file: str | None, option: str = "--html") -> None:
-    """Raises BadInput if a file is not .html or cannot be written; None is allowed."""
-    if file is None:
-        return
-    if Path(file).suffix not in (".html", ".htm") and not IsDevice(Path(file)):
-        raise BadInput(f"{option} = {file!r}: must end in .html")
-    CheckFile(file, option)
 
 
 def _CheckWritable(path: Path, option: str) -> None:

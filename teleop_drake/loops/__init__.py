@@ -6,72 +6,53 @@
 README.md in this folder shows how. Each name is imported on its first use.
 """
 
+import re
+import sys
+from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from teleop_drake.loops.blocks.moving_window import MovingWindow as MovingWindow
-    from teleop_drake.loops.blocks.trajectory_source import (
-        TrajectorySource as TrajectorySource,
-    )
-    from teleop_drake.loops.delays.abstract import AbstractDelay as AbstractDelay
-    from teleop_drake.loops.delays.conveyor import (
-        VariableTransportDelay as VariableTransportDelay,
-    )
-    from teleop_drake.loops.delays.network import NetworkDelay as NetworkDelay
-    from teleop_drake.loops.delays.packet_network import PacketNetwork as PacketNetwork
-    from teleop_drake.loops.delays.sampled import SampledDelay as SampledDelay
-    from teleop_drake.loops.delays.transport import TransportDelay as TransportDelay
-    from teleop_drake.loops.delays.variable import VariableDelay as VariableDelay
-    from teleop_drake.loops.draw.block_diagram import WriteDiagram as WriteDiagram
-    from teleop_drake.loops.engine.parameters import NamedParameters as NamedParameters
-    from teleop_drake.loops.framework.validation import ScenarioError as ScenarioError
-    from teleop_drake.loops.linear.delay_map import DelayMargins as DelayMargins
-    from teleop_drake.loops.linear.ports import DelayMargin as DelayMargin
-    from teleop_drake.loops.linear.ports import LinearizePorts as LinearizePorts
-    from teleop_drake.loops.page.diagram_page import MakePage as MakePage
-    from teleop_drake.loops.page.diagram_page import WritePage as WritePage
-    from teleop_drake.loops.run.compiled_system import Compile as Compile
-    from teleop_drake.loops.run.recording import Recording as Recording
-    from teleop_drake.loops.run.simulator import MakeSimulator as MakeSimulator
-    from teleop_drake.loops.run.system_run import simulate as simulate
+# An import of one name in a stub.
+_IMPORT = re.compile(r"^from ([\w.]+) import (?:\(\s*)?(\w+|\*)", re.MULTILINE)
 
-_PLACES = {
-    "AbstractDelay": "delays.abstract",
-    "Compile": "run.compiled_system",
-    "DelayMargin": "linear.ports",
-    "DelayMargins": "linear.delay_map",
-    "LinearizePorts": "linear.ports",
-    "MakePage": "page.diagram_page",
-    "MakeSimulator": "run.simulator",
-    "MovingWindow": "blocks.moving_window",
-    "NamedParameters": "engine.parameters",
-    "NetworkDelay": "delays.network",
-    "PacketNetwork": "delays.packet_network",
-    "Recording": "run.recording",
-    "SampledDelay": "delays.sampled",
-    "ScenarioError": "framework.validation",
-    "TrajectorySource": "blocks.trajectory_source",
-    "TransportDelay": "delays.transport",
-    "VariableDelay": "delays.variable",
-    "VariableTransportDelay": "delays.conveyor",
-    "WriteDiagram": "draw.block_diagram",
-    "WritePage": "page.diagram_page",
-    "simulate": "run.system_run",
-}
+
+def ReadStub(file: str) -> dict[str, str]:
+    """Returns the modules of the names that the stub of a package imports.
+
+    The stub is `__init__.pyi`, which type checkers read as well.
+
+    Args:
+        file: The `__init__.py` beside the stub.
+    """
+    with open(f"{file}i", encoding="utf-8") as stub:
+        imports = _IMPORT.findall(stub.read())
+    return {name: module for module, name in imports}
+
+
+def Importer(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
+    """Returns the `__getattr__` of a package that imports each name on its first use.
+
+    Args:
+        package: The name of the package.
+        places: The module of each name.
+    """
+
+    def Import(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(import_module(places[name]), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return Import
+
+
+_PLACES = ReadStub(__file__)
 
 __all__ = sorted(_PLACES)
-
-
-def __getattr__(name: str) -> Any:
-    """Imports a name on its first use."""
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = Importer(__name__, _PLACES)
 
 
 def __dir__() -> list[str]:
-    """Returns the names of the package, including those not imported yet."""
-    return sorted({*globals(), *__all__})
+    """Returns the public names, including those not imported yet."""
+    return list(__all__)

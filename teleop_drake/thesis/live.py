@@ -8,13 +8,14 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from teleop_drake.loops.framework.arrays import Interval, Record
 from teleop_drake.study.page.page import MakePage
 from teleop_drake.thesis.claims.claim import Claim
 
 _BONE_DAMPING = "environment.layers.bone.damping"
 _END_OF_TISSUE = "environment.layers.free.start"
 
-SLIDERS: dict[str, dict[str, tuple[float, float]]] = {
+SLIDERS: dict[str, dict[str, Interval]] = {
     "one_dof": {
         "controller.initial_psi": (0.5, 8.0),
         "controller.adaptation_rate": (0.0, 20.0),
@@ -63,7 +64,7 @@ def FigureOf(claim: Claim) -> str:
     return next(firsts, "")
 
 
-def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
+def Laboratory(task: str, claims: Sequence[Claim]) -> Record:
     """Returns the data of a task for the report's script.
 
     These are its inputs and controllers, see DataOfRuns(), and the

@@ -260,18 +260,20 @@ def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str
 def _Picture(out: Path, figure: ThesisFigure, commands: str) -> str:
     """Returns a figure with its picture inside, so that the page needs no files."""
     data = base64.b64encode((out / f"{figure.stem}.svg").read_bytes()).decode()
-    title = escape(f"Figure {figure.number}: {figure.title}")
     return (
-        f'<figure id="{figure.stem}"><img alt="{title}" '
+        f'<figure id="{figure.stem}"><img alt="{_Title(figure)}" '
         f'src="data:image/svg+xml;base64,{data}">\n'
         f"{_CaptionHtml(figure, commands)}</figure>"
     )
 
 
+def _Title(figure: ThesisFigure) -> str:
+    return escape(f"Figure {figure.number}: {figure.title}")
+
+
 def _CaptionHtml(figure: ThesisFigure, commands: str) -> str:
-    title = escape(f"Figure {figure.number}: {figure.title}")
     return (
-        f"<figcaption><strong>{title}.</strong> {escape(figure.caption)}"
+        f"<figcaption><strong>{_Title(figure)}.</strong> {escape(figure.caption)}"
         f"{_RunsHtml(commands)}</figcaption>"
     )
 

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.model.task_recording import TaskRecording
@@ -52,7 +53,7 @@ class Run:
         self.recording = recording
 
     @functools.cached_property
-    def metrics(self) -> dict[str, Any]:
+    def metrics(self) -> Record:
         """The metrics of the run; see RunMetrics()."""
         return RunMetrics(self.recording)
 

@@ -89,7 +89,7 @@ BAD = [
     (["--time", "4"], "column '4': must be one of"),
     (["--lag", "third"], "lag = 'third': must be one of none, first, second"),
     (["--maximum", "100"], "maximum = 100.0: must be a finite number > 0 and <= 3.99"),
-    (["--figure", "a.txt"], "--figure = 'a.txt': must end in .png, .svg or .pdf"),
+    (["--figure", "a.txt"], "--figure = 'a.txt': must end in .png or .svg or .pdf"),
     (["--out", "no/t.csv"], "--out = 'no/t.csv'"),
 ]
 

@@ -95,7 +95,7 @@ def test_an_interrupted_run_is_written_and_not_opened(out, monkeypatch):
     ("arguments", "message"),
     [
         (["one_dof", "--controllers", "all"], "replay of 9 runs: must be of 4 at most"),
-        (["a.npz", "--out", "a.gif"], "--out = 'a.gif': must end in .html"),
+        (["a.npz", "--out", "a.gif"], "--out = 'a.gif': must end in .html or .htm"),
         (["a.npz", "--out", "no/a.html"], "--out = 'no/a.html': must be where"),
         (["a.npz", "--delay", "1"], "--delay = '1': must be left out with a recording"),
         (["a.npz", "a.npz"], "FILE.npz = 'a.npz': must be different files"),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options, output
-from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
+from teleop_drake.cli.exit_codes import INTERRUPTED
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.cli.tables import MAX_COLUMNS, Headline, SeedsTable, Table
 from teleop_drake.loops.framework.files import FileStem
@@ -48,13 +48,11 @@ def Execute(args: argparse.Namespace) -> int:
         Refuse("scenario", args.scenario, allowed)
     controllers = options.ControllersOf(args) or ([] if args.vary else compared)
     if args.seeds is not None:
-        for option in ("vary", "html"):
-            if getattr(args, option):
-                raise BadInput(f"--{option}: must be left out with --seeds")
+        options.RefuseOptions(args, ("vary", "html"), "left out with --seeds")
         if args.seeds < 2:
             Refuse("--seeds", args.seeds, "2 or more")
     output.CheckJson(args.json)
-    output.CheckHtml(args.html)
+    output.CheckFile(args.html, "--html", *output.HTML)
     overrides = [  # The controllers that are compared replace a given one.
         (path, value)
         for path, value in ParseOverrides(options.OverridesOf(args))

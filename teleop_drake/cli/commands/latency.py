@@ -1,12 +1,11 @@
 """The command `teleop-drake latency`."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import output
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
-from teleop_drake.cli.options import Names
+from teleop_drake.cli.options import Names, RefuseOptions
 from teleop_drake.cli.tables import Align
 from teleop_drake.loops.framework.validation import ScenarioError, Show
 
@@ -105,13 +104,13 @@ def Execute(args: argparse.Namespace) -> int:
     """Estimates the delay between two columns of a file, or reports on a trace."""
     output.CheckJson(args.json)
     output.CheckFile(args.out, "--out")
-    _CheckFigure(args.figure)
+    output.CheckFile(args.figure, "--figure", ".png", ".svg", ".pdf")
     if args.trace is not None:
-        _RefuseOptions(args, _OF_SIGNALS, "left out with --trace")
+        RefuseOptions(args, _OF_SIGNALS, "left out with --trace")
         from teleop_drake.cli.trace_texts import ReportOnTrace
 
         return ReportOnTrace(args)
-    _RefuseOptions(args, _OF_TRACES, "left out without --trace")
+    RefuseOptions(args, _OF_TRACES, "left out without --trace")
     for name in ("command_column", "response"):
         if getattr(args, name) is None:
             option = "--" + name.removesuffix("_column")
@@ -120,29 +119,11 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 # Options that belong to signals or to traces only, by their names in the arguments.
-_OF_SIGNALS = {
-    "command_column": "--command",
-    "response": "--response",
-    "time": "--time",
-    "time_unit": "--time-unit",
-    "lag": "--lag",
-    "maximum": "--maximum",
-    "out": "--out",
-}
-_OF_TRACES = {
-    "scenario": "--scenario",
-    "controllers": "--controllers",
-    "sample_period": "--sample-period",
-}
-
-
-def _RefuseOptions(
-    args: argparse.Namespace, options: dict[str, str], allowed: str
-) -> None:
-    for name, option in options.items():
-        value = getattr(args, name)
-        if value is not None:
-            raise BadInput(f"{option} = {value!r}: must be {allowed}")
+_OF_SIGNALS = (
+    *("command_column", "response", "time", "time_unit"),
+    *("lag", "maximum", "out"),
+)
+_OF_TRACES = ("scenario", "controllers", "sample_period")
 
 
 def _EstimateLatency(args: argparse.Namespace) -> int:
@@ -164,16 +145,6 @@ def _EstimateLatency(args: argparse.Namespace) -> int:
     rows = f"{table.origin}: {len(time)} rows in {time[-1]:.4g} s"
     output.Tell(args, latency.ToRecord(), rows, _Sentences(latency), written=written)
     return DONE if latency.delay is not None else FAILED
-
-
-def _CheckFigure(file: str | None) -> None:
-    if file is None:
-        return
-    from teleop_drake.loops.framework.files import FIGURE_FORMATS
-
-    if Path(file).suffix.removeprefix(".") not in FIGURE_FORMATS:
-        raise BadInput(f"--figure = {file!r}: must end in .png, .svg or .pdf")
-    output.CheckFile(file, "--figure")
 
 
 def _Times(table: "Table", args: argparse.Namespace) -> "np.ndarray":

@@ -4,7 +4,7 @@ import argparse
 
 from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
-from teleop_drake.cli.output import CheckHtml, OpenInBrowser
+from teleop_drake.cli.output import HTML, CheckFile, OpenInBrowser
 from teleop_drake.cli.progress import TellLine
 from teleop_drake.loops.framework.validation import Refuse
 
@@ -40,7 +40,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Writes the page; opens it in the browser if no file is given."""
-    CheckHtml(args.output, "--output")
+    CheckFile(args.output, "--output", *HTML)
     maker = options.MakerOf(args)
     if maker is None:
         options.Load(args, is_run=True)

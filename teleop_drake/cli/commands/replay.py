@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
-from teleop_drake.cli.output import CheckHtml, OpenInBrowser
+from teleop_drake.cli.output import HTML, CheckFile, OpenInBrowser
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.loops.framework.validation import Refuse
 
@@ -44,7 +44,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Replays recordings, or simulates a scenario and replays its runs."""
-    CheckHtml(args.out, "--out")
+    CheckFile(args.out, "--out", *HTML)
     has_files = args.scenario.endswith(".npz")
     num_shown = 1 + len(args.more) if has_files else len(options.ControllersOf(args))
     if num_shown > _MAX_SHOWN:
@@ -88,11 +88,8 @@ def _FromFiles(args: argparse.Namespace) -> "dict[str, TaskRecording]":
     """Returns recordings by controller, or by file if two have the same controller."""
     from teleop_drake.model.task_recording import CheckTaskRecording, LoadRecording
 
-    for option in (*options.OVERRIDES, "controllers", "set"):
-        value = getattr(args, option, None)
-        if value:
-            name = "--" + option.replace("_", "-")
-            Refuse(name, value, "left out with a recording")
+    names = (*options.OVERRIDES, "controllers", "set")
+    options.RefuseOptions(args, names, "left out with a recording")
     files = [args.scenario, *args.more]
     recordings = []
     for file in files:
@@ -105,7 +102,7 @@ def _FromFiles(args: argparse.Namespace) -> "dict[str, TaskRecording]":
             raise BadInput(f"FILE.npz = {e}") from None
     kinds = [x.scenario.controller.kind.replace("_", " ") for x in recordings]
     stems = [Path(file).stem for file in files]
-    names = next((x for x in (kinds, stems, files) if len(set(x)) == len(x)), None)
-    if names is None:
+    labels = next((x for x in (kinds, stems, files) if len(set(x)) == len(x)), None)
+    if labels is None:
         Refuse("FILE.npz", files[-1], "different files")
-    return dict(zip(names, recordings, strict=True))
+    return dict(zip(labels, recordings, strict=True))

@@ -34,7 +34,7 @@ def Execute(args: argparse.Namespace) -> int:
     options.CheckSignals(args, scenario)
     stem = f"{scenario.name}_{FileStem(scenario.controller.kind)}"
     output.CheckJson(args.json)
-    output.CheckHtml(args.html)
+    output.CheckFile(args.html, "--html", *output.HTML)
     output.CheckFile(args.csv, "--csv")
     formats = options.FormatsOf(args)
     drawing = options.FigureOptionsOf(args)

@@ -16,7 +16,6 @@ from teleop_drake.cli.dask import DaskExecutor
 from teleop_drake.cli.exit_codes import (
     DONE,
     FAILED,
-    BadInput,
     Fail,
     Failed,
     Interrupted,
@@ -92,8 +91,9 @@ def Execute(args: argparse.Namespace) -> int:
     """Simulates all runs of a sweep or a study, and draws them."""
     from teleop_drake.study.sweep import SelectMetrics
 
-    if args.jobs is not None and args.dask is not None:
-        raise BadInput("--jobs: must be left out with --dask, which has workers")
+    if args.dask is not None:
+        allowed = "left out with --dask, which has workers"
+        options.RefuseOptions(args, ["jobs"], allowed)
     CheckJson(args.json)
     formats = options.FormatsOf(args)
     study = StudyOf(args)
@@ -154,16 +154,13 @@ def StudyOf(args: argparse.Namespace) -> "Study":
     The only sweep of the latter has an empty name, so that it has no subfolder.
 
     Raises:
-        BadInput: If a study is given with an option whose place its keys take.
+        ScenarioError: If a study is given with an option whose place its keys take.
     """
     from teleop_drake.study.sweep.study import IsStudy, LoadStudy, Study
 
     if not IsStudy(args.scenario):
         return Study(plans={"": PlanOf(args)}, metrics=args.metrics)
-    for name in _OF_A_SCENARIO:
-        if getattr(args, name) not in (None, [], "auto"):
-            option = "--" + name.replace("_", "-")
-            raise BadInput(f"{option}: must be left out with a study, which has it")
+    options.RefuseOptions(args, _OF_A_SCENARIO, "left out with a study, which has it")
     return LoadStudy(args.scenario)
 
 

@@ -54,7 +54,7 @@ class ScenarioNumbers:
         self._known = list(NamedParameters(diagram))
         self._fields = self._Read(scenario)
 
-    def Changed(self, scenario: AnyScenario) -> dict[str, Any] | None:
+    def Changed(self, scenario: AnyScenario) -> Record | None:
         """Returns the changed numbers by their names in a Context; see SetNumbers().
 
         Returns None if a changed field needs another diagram.
@@ -62,7 +62,7 @@ class ScenarioNumbers:
         values, names = self._Read(scenario)
         if values.keys() != self._fields.values.keys():
             return None
-        numbers: dict[str, Any] = {}
+        numbers: Record = {}
         for path, value in values.items():
             if value == self._fields.values[path]:
                 continue

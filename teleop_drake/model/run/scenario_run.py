@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.loops.framework.signals import Signals
 from teleop_drake.loops.framework.surface import SurfacesIn
 from teleop_drake.loops.framework.validation import CheckChoice, Refuse
@@ -47,7 +48,7 @@ def SimulateScenario(
     """Simulates a scenario; see simulate(), which describes the arguments."""
     # Arguments that are given override the scenario.
     scenario = AsScenario(scenario)
-    given: dict[str, Any] = {"duration": duration, "simulator": simulator}
+    given: Record = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
     if changes:
         scenario = dataclasses.replace(scenario, **changes)

@@ -6,12 +6,12 @@ the allowed values.
 """
 
 from dataclasses import field, fields
-from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from teleop_drake.loops.delays.base import SHORTEST_TIME
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckChoice,
@@ -101,7 +101,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
     four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
     smith_predictor: SmithPredictorConfig = field(default_factory=SmithPredictorConfig)
     # The fields of your own architecture.
-    parameters: dict[str, Any] = field(default_factory=dict)
+    parameters: Record = field(default_factory=dict)
 
     @property
     def path(self) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.loops.framework.validation import Choices, ScenarioError, Show
 from teleop_drake.model.scenario.tree import ToTree
 from teleop_drake.model.scenario.yaml_text import ParseYaml
@@ -150,14 +151,14 @@ def _Paths(tree: Any, prefix: str = "") -> Iterator[str]:
             yield from _Paths(tree[place], f"{path}.")
 
 
-def _Places(tree: Any) -> dict[str, Any]:
+def _Places(tree: Any) -> Record:
     """Returns the keys of a mapping or indices of a list by the parts of a path.
 
     An element of a list has its number and, if it has one, its name as parts.
     """
     if isinstance(tree, dict):
         return {key: key for key in tree}
-    places: dict[str, Any] = {}
+    places: Record = {}
     if isinstance(tree, list):
         for i, item in enumerate(tree):
             if isinstance(item, dict) and isinstance(item.get("name"), str):

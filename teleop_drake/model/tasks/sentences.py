@@ -42,7 +42,7 @@ def EndInWords(recording: TaskRecording) -> str:
     """Returns how a run ended that did not reach its end; "" for any other."""
     if recording.termination == "completed":
         return ""
-    end = Quantity(float(recording.time[-1] - recording.time[0]), "s")
+    end = _SpanInWords(recording)
     if recording.termination == "interrupted":
         return f"was interrupted after {end}"
     if recording.reason.startswith("the tool's speed"):
@@ -54,8 +54,12 @@ def EndInWords(recording: TaskRecording) -> str:
 
 def DurationInWords(recording: TaskRecording) -> str:
     """Returns how a run ended, or else how long it took."""
-    end = Quantity(float(recording.time[-1] - recording.time[0]), "s")
-    return EndInWords(recording) or f"ran for {end}"
+    return EndInWords(recording) or f"ran for {_SpanInWords(recording)}"
+
+
+def _SpanInWords(recording: TaskRecording) -> str:
+    """Returns the simulated time of a run."""
+    return Quantity(float(recording.time[-1] - recording.time[0]), "s")
 
 
 def InsertionInWords(recording: TaskRecording, metrics: Mapping[str, Any]) -> list[str]:

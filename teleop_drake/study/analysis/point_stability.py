@@ -31,11 +31,10 @@ Roots slower than that motion do not count; see PointStability.unresolved.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import ComplexArray, Interval
+from teleop_drake.loops.framework.arrays import ComplexArray, Interval, Record
 from teleop_drake.loops.numerics.characteristic_roots import (
     characteristic_roots,
     rightmost,
@@ -99,7 +98,7 @@ class PointStability:
     max_delay: float
     crossings: list[Crossing]
     margin: Crossing | None
-    stable_delays: list[tuple[float, float]]
+    stable_delays: list[Interval]
     hidden_modes: ComplexArray
     num_neutral: int
     unresolved: float
@@ -192,7 +191,7 @@ class PointStability:
         loop = self.loop.behind(self.delay) if self.delay > 0 else self.loop
         return stable_gains(loop, loop_frequencies(loop), self.unresolved)
 
-    def ToRecord(self) -> dict[str, Any]:
+    def ToRecord(self) -> Record:
         """Returns the JSON object of `teleop-drake analyze`, without NaN."""
         point = self.model.point
         margin = self.margin
@@ -252,7 +251,7 @@ def AnalyzeModel(
     crossings = _ResolvedCrossings(model, loop, max_delay, unresolved)
     # Hidden modes do not depend on the delay. If one of them does not decay, the loop
     # is unstable at every delay.
-    intervals: list[tuple[float, float]] = []
+    intervals: list[Interval] = []
     margin = None
     if _AllDecay(hidden_modes):
         intervals = stable_delays(loop, max_delay, crossings, unresolved)

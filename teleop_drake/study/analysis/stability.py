@@ -9,11 +9,11 @@ force_mode the loop that follows. The operator's block declares the force that i
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.loops.framework.validation import CheckNumber, ScenarioError
 from teleop_drake.model.blocks.environments import SurfacesOf
 from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
@@ -75,7 +75,7 @@ class StabilityAnalysis:
             if loop is not None
         ]
 
-    def ToRecord(self) -> dict[str, Any]:
+    def ToRecord(self) -> Record:
         """Returns the JSON object of `teleop-drake analyze`."""
         return {
             "scenario": self.scenario.name,

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.arrays import Array, Interval, Record
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.model.scenario.overrides import Overrides, ParseOverrides
@@ -49,7 +48,7 @@ class StabilityChart:
         ]
         return list(dict.fromkeys(labels))
 
-    def StableDelays(self, name: str) -> list[list[tuple[float, float]] | None]:
+    def StableDelays(self, name: str) -> list[list[Interval] | None]:
         """Returns the stable intervals in s at each value; None if no such loop exists.
 
         Args:
@@ -61,7 +60,7 @@ class StabilityChart:
             for analysis in self.analyses
         ]
 
-    def ToRecord(self) -> dict[str, Any]:
+    def ToRecord(self) -> Record:
         """Returns the JSON object of `teleop-drake analyze --vary`."""
         return {
             "key": self.key,

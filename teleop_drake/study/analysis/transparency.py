@@ -20,12 +20,11 @@ transparency in bilateral teleoperation", IEEE Trans. Robot. Autom. 9 (1993).
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.loops.framework.arrays import Array, ComplexArray
+from teleop_drake.loops.framework.arrays import Array, ComplexArray, Record
 from teleop_drake.model.laws.two_port import llewellyn
 from teleop_drake.model.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.study.analysis.loop import Linearizer
@@ -102,7 +101,7 @@ class Transparency:
             return None
         return bool(self.llewellyn.min() >= 1 - _ROUNDING)
 
-    def ToRecord(self) -> dict[str, Any]:
+    def ToRecord(self) -> Record:
         """Returns a JSON object with the least Llewellyn parameter of each axis."""
         least = self.llewellyn.argmin(axis=0)
         eta = self.llewellyn.min(axis=0)

@@ -3,7 +3,6 @@
 Like those of figures.runs, the figures belong to the caller; SaveFigure() writes them.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -11,10 +10,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch
+from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
-from scipy.optimize import linear_sum_assignment
 
 from teleop_drake.loops.framework.arrays import Array, ComplexArray, Interval
 from teleop_drake.loops.framework.validation import CheckKind, Refuse
@@ -31,9 +28,16 @@ from teleop_drake.study.figures import style
 from teleop_drake.study.figures.labels import AxisLabel
 from teleop_drake.study.figures.layout import MakeMultiples, Panels
 from teleop_drake.study.figures.port_models import (
+    GUIDE,
+    MAGNITUDES,
+    NYQUIST_RANGE,
+    ContinuousPhase,
+    DrawNyquistFrame,
+    LocusKeys,
     Model,
     PlotModelBode,
     PlotModelNyquist,
+    TrackedLoci,
 )
 from teleop_drake.study.figures.style import (
     GREY,
@@ -50,14 +54,10 @@ _ROW_HEIGHT = 1.9  # inches
 # shows half as many.
 _DECADES = 1.5
 
-_MAGNITUDES = (1e-3, 1e3)
-
 # A locus below this is taken as zero, as with a predictor that has an exact model.
 _NOTHING = 1e-9
 
-# Half the width of the Nyquist plot, and the number of points of its curves.
-_NYQUIST_RANGE = 2.5
-_NUM_NYQUIST_POINTS = 6000
+_NUM_NYQUIST_POINTS = 6000  # of a curve
 
 # Least distance between two frequencies that are written beside a locus.
 _LABEL_DISTANCE = 0.6
@@ -81,9 +81,6 @@ _ANALYSIS = (
     "a StabilityAnalysis of AnalyzeStability(scenario) or, for a Diagram, a model of "
     "LinearizePorts(diagram, context, port, is_opened=True)"
 )
-
-# Reference lines.
-_GUIDE: style.Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
 
 _THIN = partial(Key, color="black", linewidth=0.6)
 _THICK = partial(Key, color="black", linewidth=1.1)
@@ -121,10 +118,10 @@ def PlotBode(analysis: StabilityAnalysis | Model) -> Figure:
         w = _BodeFrequencies(point)
         limits += _DrawLoci(top, bottom, point, w)
         for ax, level in ((top, 1), (bottom, -180)):
-            ax.axhline(level, **_GUIDE)
+            ax.axhline(level, **GUIDE)
             if point.unresolved > w[0]:
                 ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=-1)
-        top.set(xlim=(w[0], w[-1]), ylim=_MAGNITUDES)
+        top.set(xlim=(w[0], w[-1]), ylim=MAGNITUDES)
     bottom.set_ylim(
         math.floor(min(limits) / 90) * 90, math.ceil(max(limits) / 90 + 0.5) * 90
     )
@@ -137,7 +134,7 @@ def PlotBode(analysis: StabilityAnalysis | Model) -> Figure:
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("gain crossover", color="black", marker="o", ms=3, ls=""),
         *grounds,
-        *_LocusHandles(points),
+        *LocusKeys(max(len(point.loop.D) for point in points)),
     ]
     AddLegend(figure, handles)
     return figure
@@ -146,13 +143,13 @@ def PlotBode(analysis: StabilityAnalysis | Model) -> Figure:
 def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[float]:
     """Draws the eigenloci of a point; returns phases in degrees to be shown."""
     shown: list[float] = []
-    for i, locus in enumerate(_TrackedLoci(point, w).T):
+    for i, locus in enumerate(TrackedLoci(eigenloci(point.loop, w)).T):
         look = RunStyle(i)
         magnitude = np.abs(locus)
         if magnitude.max() < _NOTHING:
             continue
         top.loglog(w, magnitude, **look)
-        phase = _Unwrap(np.degrees(np.angle(locus)))
+        phase = ContinuousPhase(np.degrees(np.angle(locus)))
         k = np.flatnonzero(np.diff(magnitude > 1))
         # On this branch the last crossover is between -180 and 180 degrees, and its
         # distance from -180 degrees is the phase margin.
@@ -190,26 +187,20 @@ def PlotNyquist(analysis: StabilityAnalysis | Model) -> Figure:
     figure.set_figheight(figure.get_figwidth() / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
-        for i, locus in enumerate(_TrackedLoci(point, w).T):
+        for i, locus in enumerate(TrackedLoci(eigenloci(point.loop, w)).T):
             look = RunStyle(i)
             delayed = locus * np.exp(-1j * w * point.delay)
             ax.plot(locus.real, locus.imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
             _MarkFrequencies(ax, w, delayed, look["color"])
-        # The unit circle, the axes and the critical point.
-        ax.add_patch(Circle((0, 0), 1, fill=False, **_GUIDE))
-        ax.axhline(0, **_GUIDE)
-        ax.axvline(0, **_GUIDE)
-        ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
-        limits = (-_NYQUIST_RANGE, _NYQUIST_RANGE)
-        ax.set(xlim=limits, ylim=limits, aspect="equal")
+        DrawNyquistFrame(ax)
     handles = [
         _THIN("without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("-1", color="black", marker="+", ms=7, ls=""),
-        Key("unit circle", **_GUIDE),
+        Key("unit circle", **GUIDE),
         Key("frequency [rad/s]", color="black", marker=".", ms=3, ls=""),
-        *_LocusHandles(points),
+        *LocusKeys(max(len(point.loop.D) for point in points)),
     ]
     AddLegend(figure, handles)
     return figure
@@ -218,7 +209,7 @@ def PlotNyquist(analysis: StabilityAnalysis | Model) -> Figure:
 def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> None:
     """Writes frequencies in rad/s beside a locus, and draws an arrow along it."""
     points = np.column_stack([locus.real, locus.imag])
-    is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
+    is_seen = (np.abs(points) < NYQUIST_RANGE - 0.3).all(axis=1)
     marked: dict[str, int] = {}
     for k in np.flatnonzero(is_seen).tolist():
         number = f"{w[k]:.2g}"
@@ -334,14 +325,14 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     """Marks where Llewellyn's parameter is below 1, and the first such frequency."""
     ax.set_ylim(_LLEWELLYN_RANGE)
     ax.axhspan(_LLEWELLYN_RANGE[0], 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
-    ax.axhline(1, **_GUIDE)
+    ax.axhline(1, **GUIDE)
     below = w[parameter < 1 - _LLEWELLYN_MARGIN]
     if not below.size:
         return
     text = "everywhere below 1"
     if below[0] > w[0]:
         text = f"below 1 from {below[0]:.2g} rad/s"
-        ax.axvline(below[0], linestyle=":", **_GUIDE)
+        ax.axvline(below[0], linestyle=":", **GUIDE)
     # Where Re p11 or Re p22 is negative, the parameter is minus infinity.
     active = w[np.isneginf(parameter)]
     if active.size:
@@ -436,9 +427,9 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
             felt = FeltStiffness(scenario, point, w)
             ax.semilogx(w, felt, **looks[label])
             limit = max(limit, stiffness, np.abs(felt[w <= 1.0]).max())
-            ax.axhline(stiffness, linestyle="--", **_GUIDE)
-        ax.axhline(0.0, **_GUIDE)
-        ax.axvline(1.0, linestyle=":", **_GUIDE)
+            ax.axhline(stiffness, linestyle="--", **GUIDE)
+        ax.axhline(0.0, **GUIDE)
+        ax.axvline(1.0, linestyle=":", **GUIDE)
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
     AddLegend(figure, RunKeys(labels))
@@ -459,12 +450,6 @@ def _LoopPanels(
     return points, *MakeMultiples(titles, x_label, y_labels, height=2 * _ROW_HEIGHT)
 
 
-def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
-    """Returns the legend entries of the eigenloci if there are several."""
-    count = max(len(point.loop.D) for point in points)
-    return RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
-
-
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
     """Returns frequencies in rad/s about the crossovers, densely at resonances."""
     sweep = sweep_frequencies(point.loop)
@@ -476,22 +461,3 @@ def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
     high = max(crossovers) * 10 ** (_DECADES / 2)
     inner = sweep[(sweep > low) & (sweep < high)]
     return np.union1d(np.geomspace(low, high, count), inner)
-
-
-def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
-    """Returns the eigenloci (K, m) in an order that makes each column continuous."""
-    loci = eigenloci(point.loop, w)
-    for before, now in itertools.pairwise(loci):
-        _, order = linear_sum_assignment(np.abs(before[:, np.newaxis] - now))
-        now[:] = now[order]
-    return loci
-
-
-def _Unwrap(phase: Array) -> Array:
-    """Returns a phase in degrees without its jumps by 360.
-
-    A jump by 180 at an undamped resonance is taken as downward, which is its direction
-    with any damping.
-    """
-    steps = (np.diff(phase) + 210) % 360 - 210
-    return np.cumsum(np.append(phase[0], steps))

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Arc, Circle
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
@@ -55,12 +56,14 @@ _MOST_DECADES = 8
 _NUM_ROUNDS = 4
 _NUM_REFINED = 101
 
-_MAGNITUDES = (1e-3, 1e3)
+MAGNITUDES = (1e-3, 1e3)
+"""The magnitudes of loops that Bode plots show."""
 
-# Half the width of a Nyquist plot.
-_RANGE = 2.5
+NYQUIST_RANGE = 2.5
+"""Half the width of a Nyquist plot."""
 
-_GUIDE: Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
+GUIDE: Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
+"""The style of reference lines."""
 
 # The marks of the margins, which differ in colour and in shape. A delay is often at the
 # frequency of the phase, whose dot is seen inside of the triangle.
@@ -117,15 +120,15 @@ def PlotModelBode(model: Model) -> Figure:
     top.set(xlim=(w[0], w[-1]), ylim=_MagnitudeLimits(np.abs(values)))
     shown = [-180.0] if _IsLoop(model) else []
     if _IsLoop(model):
-        top.axhline(1, **_GUIDE)
+        top.axhline(1, **GUIDE)
     for place in places:
         at = place if place.frequency > 0 else place._replace(frequency=w[0])
         shown += _DrawOnBode(top, bottom, at, _PhaseAt(at, w, values, phases))
     _SetPhaseLimits(bottom, phases, shown)
     if isinstance(model, SampledModel):
         for ax in (top, bottom):
-            ax.axvline(math.pi / model.period, linestyle="--", **_GUIDE)
-        lines = [*lines, Key("Nyquist frequency", linestyle="--", **_GUIDE)]
+            ax.axvline(math.pi / model.period, linestyle="--", **GUIDE)
+        lines = [*lines, Key("Nyquist frequency", linestyle="--", **GUIDE)]
     AddLegend(figure, [*lines, *_Names(model, values.shape[1])])
     return figure
 
@@ -152,17 +155,46 @@ def PlotModelNyquist(model: Model) -> Figure:
     )
     for i, value in enumerate(values.T):
         ax.plot(value.real, value.imag, **RunStyle(i))
-    ax.add_patch(Circle((0, 0), 1, fill=False, **_GUIDE))
-    ax.axhline(0, **_GUIDE)
-    ax.axvline(0, **_GUIDE)
-    ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
+    DrawNyquistFrame(ax)
     for place in places:
         _DrawOnNyquist(ax, place)
-    limits = (-_RANGE, _RANGE)
-    ax.set(xlim=limits, ylim=limits, aspect="equal")
     critical = Key("-1", color="black", marker="+", ms=7, linestyle="")
     AddLegend(figure, [critical, *lines, *_Names(model, values.shape[1])])
     return figure
+
+
+def DrawNyquistFrame(ax: Axes) -> None:
+    """Draws the unit circle, the axes and the critical point, and sets the limits."""
+    ax.add_patch(Circle((0, 0), 1, fill=False, **GUIDE))
+    ax.axhline(0, **GUIDE)
+    ax.axvline(0, **GUIDE)
+    ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
+    limits = (-NYQUIST_RANGE, NYQUIST_RANGE)
+    ax.set(xlim=limits, ylim=limits, aspect="equal")
+
+
+def TrackedLoci(loci: ComplexArray) -> ComplexArray:
+    """Returns eigenloci (K, m) in an order that makes each column continuous."""
+    tracked = loci.copy()
+    for before, now in itertools.pairwise(tracked):
+        _, order = linear_sum_assignment(np.abs(before[:, np.newaxis] - now))
+        now[:] = now[order]
+    return tracked
+
+
+def ContinuousPhase(angle: Array) -> Array:
+    """Returns a phase in degrees without its jumps by 360.
+
+    A jump by 180 at an undamped mode is taken as downward, which is its direction with
+    any damping.
+    """
+    steps = (np.diff(angle) + 210) % 360 - 210
+    return np.cumsum(np.append(angle[:1], steps))
+
+
+def LocusKeys(count: int) -> list[Line2D]:
+    """Returns the legend entries of eigenloci if there are several."""
+    return RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
 
 
 def _IsLoop(model: Model) -> bool:
@@ -268,11 +300,7 @@ def _Values(model: Model, w: Array) -> ComplexArray:
     loci = np.full(response.shape[:2], np.nan + 0j)
     is_finite = np.isfinite(response).all(axis=(1, 2))
     loci[is_finite] = np.linalg.eigvals(response[is_finite])
-    known = loci[is_finite]
-    for before, now in itertools.pairwise(known):
-        _, order = linear_sum_assignment(np.abs(before[:, np.newaxis] - now))
-        now[:] = now[order]
-    loci[is_finite] = known
+    loci[is_finite] = TrackedLoci(loci[is_finite])
     sizes = np.nanmax(np.abs(loci), axis=0)
     return loci[:, sizes > _NOTHING * sizes.max()]
 
@@ -311,9 +339,7 @@ def _Phases(w: Array, values: ComplexArray, places: Sequence[_Place]) -> Array:
     for i, value in enumerate(values.T):
         known = is_finite[:, i]
         angle = np.degrees(np.angle(value[known]))
-        # A jump by 180 at an undamped mode is downward, as with any damping.
-        steps = (np.diff(angle) + 210) % 360 - 210
-        phase = np.cumsum(np.append(angle[:1], steps))
+        phase = ContinuousPhase(angle)
         if at is None:
             turns = np.round(phase[0] / 360)
         else:
@@ -335,10 +361,10 @@ def _MagnitudeLimits(magnitudes: Array) -> tuple[float, float]:
     """Returns the limits of the magnitudes, which contain 1."""
     known = magnitudes[np.isfinite(magnitudes) & (magnitudes > 0)]
     if known.size == 0:
-        return _MAGNITUDES
+        return MAGNITUDES
     low = min(known.min(), 0.5)
     high = max(known.max(), 2.0)
-    return max(low / 1.5, _MAGNITUDES[0]), min(high * 1.5, _MAGNITUDES[1])
+    return max(low / 1.5, MAGNITUDES[0]), min(high * 1.5, MAGNITUDES[1])
 
 
 def _SetPhaseLimits(ax: Axes, phases: Array, shown: Sequence[float]) -> None:
@@ -355,7 +381,7 @@ def _SetPhaseLimits(ax: Axes, phases: Array, shown: Sequence[float]) -> None:
     ax.yaxis.set_major_locator(MultipleLocator(90 if high - low <= 540 else 180))
     for level in range(-180 + 360 * math.ceil((low + 180) / 360), int(high) + 1, 360):
         if shown:
-            ax.axhline(level, **_GUIDE)
+            ax.axhline(level, **GUIDE)
 
 
 def _DrawOnBode(top: Axes, bottom: Axes, place: _Place, phase: float) -> list[float]:
@@ -393,10 +419,8 @@ def _DrawOnNyquist(ax: Axes, place: _Place) -> None:
 
 def _Names(model: Model, count: int) -> list[Artist]:
     """Returns the legend entries of the curves if there are several."""
-    if count == 1:
-        return []
-    if isinstance(model, SampledModel) or model.is_loop:
-        return [*RunKeys(f"locus {i}" for i in range(1, count + 1))]
+    if isinstance(model, SampledModel) or model.is_loop or count == 1:
+        return [*LocusKeys(count)]
     num_outputs, num_inputs = model.num_open
     return [
         *RunKeys(

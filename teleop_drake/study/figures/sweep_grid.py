@@ -4,13 +4,12 @@ import itertools
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
-from teleop_drake.loops.framework.arrays import Array, Interval
+from teleop_drake.loops.framework.arrays import Array, Interval, Record
 from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.model.signals import ScaleAndUnit
 from teleop_drake.study.figures import style
@@ -23,7 +22,7 @@ from teleop_drake.study.figures.labels import (
     ValueLabel,
 )
 from teleop_drake.study.figures.layout import MakePanels, Panels
-from teleop_drake.study.figures.style import FONT_SIZE, Figure, Key
+from teleop_drake.study.figures.style import FONT_SIZE, Figure, Key, Look
 from teleop_drake.study.sweep import SweepResult, TaskSweepResult, VariesSeedsOnly
 from teleop_drake.study.sweep.statistics import CONTROLLERS
 from teleop_drake.study.sweep.values import SEED
@@ -154,7 +153,7 @@ class SweepGrid:
                 pad=2,
             )
 
-    def LineStyle(self, i: int) -> dict[str, Any]:
+    def LineStyle(self, i: int) -> Look:
         """Returns the style of line i; values of several controllers are not joined."""
         if self.x_names:
             return {"color": style.COLORS[0], "linestyle": "none"}
@@ -184,7 +183,7 @@ class SweepGrid:
         ]
 
 
-def _Points(result: SweepResult, keys: Sequence[str]) -> list[dict[str, Any]]:
+def _Points(result: SweepResult, keys: Sequence[str]) -> list[Record]:
     """Returns all combinations of the values of some keys."""
     values = (result.axes[key] for key in keys)
     return [dict(zip(keys, point, strict=True)) for point in itertools.product(*values)]

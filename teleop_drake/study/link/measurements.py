@@ -3,11 +3,11 @@
 The packet in use at a tick is the newest packet that has been received.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.arrays import Array, Record
 from teleop_drake.study.link.half import Half
 from teleop_drake.study.link.packets import NUM_USED
 
@@ -134,12 +134,12 @@ class Measurements:
         ends = np.append(time, time[-1])
         return ends[changes].reshape(-1, 2).round(6).tolist()
 
-    def Report(self) -> dict[str, Any]:
+    def Report(self) -> Record:
         """Returns a summary of the measurements for JSON, with times in s."""
         delays = self.Delays()
         known = np.flatnonzero(self.used[self._spoken] > _UNKNOWN)
         num_periods = self.last_tick - self.ticks[0].tick + 1
-        report: dict[str, Any] = {
+        report: Record = {
             "missed_periods": num_periods - len(self.ticks),
             "unused_packets": {x: int(np.isnan(y).sum()) for x, y in delays.items()},
             "early_packets": {x: int((y < 0).sum()) for x, y in delays.items()},

@@ -2,11 +2,10 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.arrays import Array, Record
 from teleop_drake.loops.framework.files import WriteText
 from teleop_drake.model.channels.network import NetworkChannelConfig
 from teleop_drake.model.channels.trace import WriteTrace
@@ -19,7 +18,7 @@ from teleop_drake.study.link.half import WAYS, Half, Turn
 from teleop_drake.study.link.side import Side
 
 
-def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
+def SaveRun(side: Side, folder: Path) -> Record:
     """Writes the recording of a side and its prediction; returns the side's report.
 
     The files are
@@ -52,7 +51,7 @@ def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
 
 def _WithTraces(side: Side, traces: dict[str, str], duration: float) -> Scenario:
     """Returns the scenario with the recorded channels, and the gains of the run."""
-    changes: dict[str, Any] = {"duration": duration}
+    changes: Record = {"duration": duration}
     for way, trace in traces.items():
         changes[f"{way}_channel"] = NetworkChannelConfig(
             delay=0.0, sample_period=side.period, trace=trace, trace_end="hold"

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.loops.framework.validation import CheckNumber
 from teleop_drake.loops.numerics.step_polynomials import straight_steps
 from teleop_drake.loops.run.compiled_run import OutcomeOf
@@ -383,7 +384,7 @@ class Side(Half):
         )
         return MakeRecording(self.scenario, self.scenario.simulator, outcome, [])
 
-    def Report(self) -> dict[str, Any]:
+    def Report(self) -> Record:
         """Returns a summary of the run and its measurements for JSON, times in s."""
         report = {
             "scenario": self.scenario.name,

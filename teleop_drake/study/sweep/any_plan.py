@@ -38,7 +38,7 @@ class AnyPlan(ABC, Generic[R]):
     """
 
     axes: Grid
-    points: list[dict[str, Any]]
+    points: list[Record]
     engine: str
 
     @property

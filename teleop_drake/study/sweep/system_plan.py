@@ -85,11 +85,11 @@ class SystemPlan(AnyPlan[SweepResult]):
     system: System | SystemMaker
     context: Context | None
     duration: float
-    solver: dict[str, Any]
+    solver: Record
     metrics: dict[str, Callable[[Recording], float]]
     subject: _Subject | None = field(default=None, repr=False)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Record:
         """Returns the fields except `subject`, which another process makes anew."""
         return {**vars(self), "subject": None}
 
@@ -169,7 +169,7 @@ class SystemPlan(AnyPlan[SweepResult]):
     def Simulate(self, point: Point, programs: Programs) -> Recording:
         """Simulates a run; runs share one program where their numbers allow it."""
         subject = self.Subject(programs)
-        numbers = {name: value for name, value in point.items() if name != SEED}
+        numbers = _NumbersAt(point)
         context = self.ContextAt(point, subject)
         if subject.program is not None:
             try:
@@ -249,14 +249,20 @@ def PlanSystemSweep(
         _CheckSeeds(plan, subject)
 
     def Load(point: Point) -> None:
-        numbers = {name: value for name, value in point.items() if name != SEED}
-        constants: dict[System, dict[str, Any]] | None = {}
+        constants: dict[System, Record] | None = {}
         if subject.program is None:
             constants = None
-        SetNumbers(subject.system, subject.context.Clone(), numbers, constants)
+        SetNumbers(
+            subject.system, subject.context.Clone(), _NumbersAt(point), constants
+        )
 
     CheckValues(Load, axes, points)
     return plan
+
+
+def _NumbersAt(point: Point) -> Record:
+    """Returns the numbers of a point, without its seed."""
+    return {name: value for name, value in point.items() if name != SEED}
 
 
 def _AreEqual(context: Context, other: Context) -> bool:

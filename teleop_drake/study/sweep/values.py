@@ -11,6 +11,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from teleop_drake.loops.framework.arrays import Record
 from teleop_drake.loops.framework.validation import Refuse, ScenarioError
 from teleop_drake.study.sweep.result import SweepError
 
@@ -41,7 +42,7 @@ MAX_RUNS = 100_000
 
 def MakeGrid(
     controllers: object, varied: Iterable[tuple[str, Any]], seeds: object
-) -> dict[str, Any]:
+) -> Record:
     """Returns the grid of a sweep: controllers vary first, seeds last.
 
     Args:
@@ -56,7 +57,7 @@ def MakeGrid(
         ARCHITECTURES,  # Not for the sweep of a System.
     )
 
-    grid: dict[str, Any] = {}
+    grid: Record = {}
     if controllers == "all":
         grid["controller"] = list(ARCHITECTURES)
     elif controllers is not None:
@@ -166,7 +167,7 @@ def CheckAxis(key: str, values: object) -> list[Any]:
     return plain
 
 
-def PointsOf(grid: GivenGrid) -> tuple[Grid, list[dict[str, Any]]]:
+def PointsOf(grid: GivenGrid) -> tuple[Grid, list[Record]]:
     """Returns the values of each key, and all combinations, the last key fastest.
 
     Raises:
@@ -183,13 +184,13 @@ def PointsOf(grid: GivenGrid) -> tuple[Grid, list[dict[str, Any]]]:
     return axes, points
 
 
-def SampledPoints(given: Sequence[Point]) -> tuple[Grid, list[dict[str, Any]]]:
+def SampledPoints(given: Sequence[Point]) -> tuple[Grid, list[Record]]:
     """Returns the numbers of each run as points of a grid with the key `run`.
 
     Raises:
         SweepError: If there are none or too many, or not all have the same names.
     """
-    points: list[dict[str, Any]] = json.loads(_AsJson("grid", map(dict, given)))
+    points: list[Record] = json.loads(_AsJson("grid", map(dict, given)))
     if not 1 <= len(points) <= MAX_RUNS:
         raise SweepError(f"grid = {len(points)} runs: must be 1 to {MAX_RUNS}")
     names = list(points[0])

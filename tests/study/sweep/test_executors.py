@@ -169,7 +169,7 @@ def test_jobs_are_those_of_this_machine(capsys):
         Sweep("one_dof", GRID, jobs=2, executor=Here(lambda number: None))
     options = ["--delay", "0.1", "--jobs", "2", "--dask", "host:1"]
     assert main(["sweep", "one_dof", *options]) == 2
-    assert "--jobs: must be left out with --dask" in capsys.readouterr().err
+    assert "--jobs = 2: must be left out with --dask" in capsys.readouterr().err
 
 
 # Dask.

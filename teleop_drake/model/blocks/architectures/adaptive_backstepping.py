@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array
+from teleop_drake.loops.framework.arrays import Array, Record
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckChoice,
@@ -162,7 +162,7 @@ class AdaptiveBackstepping(LawBlock):
         self._n = n
         self._psi_min = gains.Psi_min
         # The parameters, in the order in which the law's functions take them.
-        constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
+        constants: Record = {} if bounds is None else {"bounds": bounds}
         constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
         taken = (
             *constants, "state", "tool_position", "tool_velocity", "velocity_command",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.loops.framework.arrays import Array, ArrayLike
+from teleop_drake.loops.framework.arrays import Array, ArrayLike, Record
 from teleop_drake.loops.framework.validation import (
     REQUIRED,
     CheckNumber,
@@ -100,7 +100,7 @@ class OperatorConfig(KindConfig, ABC):
             ScenarioError: If a parameter is not allowed.
         """
 
-    def Modes(self, contact_surface: Surface | None) -> dict[str, Any]:
+    def Modes(self, contact_surface: Surface | None) -> Record:
         """Returns the arguments of ModalOperator that determine its changes of mode."""
         return {
             "contact_force": self.contact_force,

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from teleop_drake.loops.framework.arrays import Interval
 from teleop_drake.loops.framework.validation import REQUIRED, Config, Refuse
 from teleop_drake.model.blocks.operators.base import MOST_VELOCITY
 from teleop_drake.model.blocks.operators.planned import (
@@ -52,7 +53,7 @@ class RecordedConfig(PlannedConfig):
         )
 
 
-def _Ends(motion: Motion) -> list[tuple[float, float]]:
+def _Ends(motion: Motion) -> list[Interval]:
     """Returns the times of the rows, where the velocity bends; see Plan.ends."""
     times = motion.times
     if motion.period is None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
+from teleop_drake.loops.framework.arrays import Interval
 from teleop_drake.loops.framework.files import WriteText
 from teleop_drake.loops.framework.validation import CheckKind
 from teleop_drake.loops.run.recording import Recording
@@ -114,7 +115,7 @@ def MakeReplay(
     return Replay(title, page)
 
 
-def _SlowSpans(run: TaskRecording) -> list[tuple[float, float]]:
+def _SlowSpans(run: TaskRecording) -> list[Interval]:
     """Returns the spans of time in s that are played slowly."""
     delay = run.teleoperation.return_channel.delay if FindOperator(run) else 0.0
     return [
