@@ -37,13 +37,14 @@ class BodeDiagram(NamedTuple):
     phase: Array
 
     @classmethod
-    def Of(cls, frequencies: Array, response: ComplexArray) -> "BodeDiagram":
-        """Returns the diagram of a response (M, p, m) at frequencies in rad/s (M).
+    def Of(cls, frequencies: Array, size: Array, phase: Array) -> "BodeDiagram":
+        """Returns the diagram of a response, without axes if it is that of one signal.
 
-        The phase turns by less than half a turn from one frequency to the next.
+        Args:
+            frequencies: Frequencies in rad/s (M).
+            size: Magnitudes (M, p, m).
+            phase: Phases in rad, continuous (M, p, m).
         """
-        phase = np.unwrap(np.angle(response), axis=0)
-        size = np.abs(response)
         if size.shape[1:] == (1, 1):
             phase = phase[:, 0, 0]
             size = size[:, 0, 0]
@@ -128,13 +129,7 @@ class PortModel(StateSpace):
         ends = np.concatenate([[0], np.cumsum(parts)])
         dense = np.interp(np.arange(ends[-1] + 1), ends, w)
         phase = np.unwrap(np.angle(self.finite_response(dense)), axis=0)[ends]
-        size = np.abs(self.Response(w))
-        if size.shape[1:] == (1, 1):
-            phase = phase[:, 0, 0]
-            size = size[:, 0, 0]
-        with np.errstate(divide="ignore"):
-            magnitude = 20 * np.log10(size)
-        return BodeDiagram(w, magnitude, np.degrees(phase))
+        return BodeDiagram.Of(w, np.abs(self.Response(w)), phase)
 
     def margins(self, *, remedies: bool = True) -> Margins:
         """Returns the margins of the loop, for all signals of the port alike.

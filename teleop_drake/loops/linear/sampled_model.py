@@ -108,7 +108,10 @@ class SampledModel:
         if frequencies is None:
             shares = np.geomspace(_LOWEST_SHARE, 1.0, _NUM_FREQUENCIES)
             frequencies = shares * math.pi / self.period
-        return BodeDiagram.Of(np.asarray(frequencies), self.Response(frequencies))
+        response = self.Response(frequencies)
+        # The phase turns by less than half a turn from one frequency to the next.
+        phase = np.unwrap(np.angle(response), axis=0)
+        return BodeDiagram.Of(np.asarray(frequencies), np.abs(response), phase)
 
     def to_control(self) -> Any:
         """Returns L as a discrete control.StateSpace of python-control, exactly.

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.validation import ScenarioError, Show
-from teleop_drake.model.tables.headers import UNITS, ParseHeader
+from teleop_drake.loops.framework.validation import ScenarioError
+from teleop_drake.model.tables.headers import ParseHeader
 from teleop_drake.model.tables.measured import HALVED, ONE_WAY
 from teleop_drake.model.tables.source import TableSource
+from teleop_drake.model.tables.stamps import CheckTimeUnit
 from teleop_drake.model.tables.table import Table
 
 # The names of columns, as keys of ParseHeader(). A value is a delay one way.
@@ -71,11 +72,7 @@ def HistogramOf(table: Table, source: TableSource) -> Histogram | None:
     if not is_halved and not re.fullmatch(_DELAY, keys[value]):
         return None
     unit = source.units.get("rtt" if is_halved else "delay") or table.UnitOf(value)
-    if unit not in UNITS or UNITS[unit].quantity != "time":
-        raise ScenarioError(
-            f"{table.Place(value)}: unit {Show(unit)}: must be one of s, ms, us, ns, "
-            "in its header"
-        )
+    CheckTimeUnit(table.Place(value), unit, ", in its header")
     delays = table.Values(value, unit) / (2 if is_halved else 1)
     counts = table.Values(counted[0], "")
     is_good = (delays >= 0) & (counts >= 0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, Flags
 from teleop_drake.loops.framework.validation import ScenarioError, Show
-from teleop_drake.model.tables.headers import TIME_WORDS, UNITS, ParseHeader
+from teleop_drake.model.tables.headers import TIME_WORDS, ParseHeader
 from teleop_drake.model.tables.losses import AreLost, Unwrapped
 from teleop_drake.model.tables.measured import (
     BETWEEN_STAMPS,
@@ -19,7 +19,7 @@ from teleop_drake.model.tables.measured import (
     Packets,
 )
 from teleop_drake.model.tables.source import TableSource
-from teleop_drake.model.tables.stamps import ReadTimes
+from teleop_drake.model.tables.stamps import CheckTimeUnit, ReadTimes, RefuseCell
 from teleop_drake.model.tables.table import Table
 
 # What names of columns mean, in the order in which they are tried: a `round_trip_time`
@@ -176,11 +176,8 @@ def _Delays(table: Table, column: str, role: str, source: TableSource) -> Array:
     unit = source.units.get(role) or table.UnitOf(column)
     if not unit:
         _AskForUnit(table, column, role)
-    if unit not in UNITS or UNITS[unit].quantity != "time":
-        raise ScenarioError(
-            f"{table.Place(column)}: unit {Show(unit)}: must be one of s, ms, us, ns, "
-            f"in its header or as units: {{{role}: ms}}"
-        )
+    where = f", in its header or as units: {{{role}: ms}}"
+    CheckTimeUnit(table.Place(column), unit, where)
     return table.Values(column, unit, minus_one_is_lost=True)
 
 
@@ -211,14 +208,11 @@ def _BetweenStamps(
 
 def _Flags(table: Table, column: str) -> Flags:
     """Returns whether each packet is marked as lost."""
-    texts = np.array([x.strip().lower() for x in table.Texts(column)])
+    texts = table.frame[column].astype(str).str.strip().str.lower()
     is_true = np.isin(texts, ("true", "1", "1.0", "yes", "lost", "t", "y"))
     is_false = np.isin(texts, ("false", "0", "0.0", "no", "", "ok", "f", "n", "nan"))
-    for i in np.flatnonzero(~(is_true | is_false))[:1]:
-        raise ScenarioError(
-            f"{table.Place(column)}: line {table.lines[i]}, {Show(texts[i])}: must be "
-            "true or false"
-        )
+    is_bad = ~(is_true | is_false)
+    RefuseCell(table.Place(column), table.lines, texts, is_bad, "true or false")
     return is_true
 
 

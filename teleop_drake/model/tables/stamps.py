@@ -81,7 +81,7 @@ def ReadTimes(values: "pandas.Series", unit: str, place: str, lines: Indices) ->
     if _ISO.fullmatch(first):
         return _OfIsoTexts(texts, place, lines)
     is_bad = ~np.isfinite(numbers.to_numpy(dtype=float, na_value=np.nan))
-    _RefuseCell(
+    RefuseCell(
         place,
         lines,
         texts,
@@ -100,11 +100,8 @@ def _OfNumbers(values: "pandas.Series", numbers: Any, unit: str, place: str) -> 
         for x, size in _SINCE_1970.items()
         if size <= float(numbers.min()) and largest < size * _LARGEST_RATIO
     ]
-    if (unit and unit not in UNITS) or UNITS.get(
-        unit or "s", UNITS["s"]
-    ).quantity != "time":
-        raise ScenarioError(f"{place}: unit {Show(unit)}: must be one of s, ms, us, ns")
     if unit:
+        CheckTimeUnit(place, unit)
         factor = UNITS[unit].factor
         in_seconds = largest * factor
         if in_seconds >= _SINCE_1970["s"] * _LARGEST_RATIO:
@@ -140,7 +137,7 @@ def _OfDates(values: "pandas.Series", place: str, lines: Indices) -> Times:
     """Returns the times of a column of dates that a file has as such."""
     is_bad = values.isna().to_numpy()
     if is_bad.any():
-        _RefuseCell(place, lines, values.astype(str), is_bad, "a date")
+        RefuseCell(place, lines, values.astype(str), is_bad, "a date")
     seconds = (values - values.iloc[0]).dt.total_seconds().to_numpy(dtype=float)
     return Times(seconds, DATES, True, "")
 
@@ -160,7 +157,7 @@ def _OfIsoTexts(texts: "pandas.Series", place: str, lines: Indices) -> Times:
         is_bad = dates.isna().to_numpy()
     if is_bad.any():
         zone = "with" if has_zone[0] else "without"
-        _RefuseCell(
+        RefuseCell(
             place, lines, texts, is_bad, f"ISO 8601 {zone} a zone, as in the first row"
         )
     return _OfDates(dates, place, lines)
@@ -172,7 +169,7 @@ def _OfTimesOfDay(texts: "pandas.Series", place: str, lines: Indices) -> Times:
     seconds = np.array([_SecondsOfDay(match) for match in matches])
     is_bad = np.isnan(seconds)
     if is_bad.any():
-        _RefuseCell(place, lines, texts, is_bad, "a time of day, 00:00:00 to 23:59:59")
+        RefuseCell(place, lines, texts, is_bad, "a time of day, 00:00:00 to 23:59:59")
     # A step back by more than half a day is midnight.
     midnights = np.cumsum(np.diff(seconds) < -_DAY / 2)
     days = np.concatenate([[0], midnights]) * _DAY
@@ -193,7 +190,20 @@ def _SecondsOfDay(match: re.Match[str] | None) -> float:
     return hours * 3600.0 + minutes * 60.0 + seconds if is_allowed else np.nan
 
 
-def _RefuseCell(
+def CheckTimeUnit(place: str, unit: str, where: str = "") -> None:
+    """Refuses a unit that is not one of times.
+
+    Args:
+        place: The file and the column, for messages.
+        where: The end of the message: where the unit must stand.
+    """
+    if unit not in UNITS or UNITS[unit].quantity != "time":
+        raise ScenarioError(
+            f"{place}: unit {Show(unit)}: must be one of s, ms, us, ns{where}"
+        )
+
+
+def RefuseCell(
     place: str, lines: Indices, texts: Any, is_bad: Flags, allowed: str
 ) -> None:
     """Refuses the first bad cell of a column, if there is one."""

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array, Flags, Indices
+from teleop_drake.loops.framework.arrays import Array, Indices
 from teleop_drake.loops.framework.validation import Choices, ScenarioError, Show
 from teleop_drake.model.tables.headers import UNITS, CleanUnit, ParseHeader
 from teleop_drake.model.tables.losses import AreLost
-from teleop_drake.model.tables.stamps import ReadTimes, Times
+from teleop_drake.model.tables.stamps import ReadTimes, RefuseCell, Times
 
 if TYPE_CHECKING:
     import pandas
@@ -106,19 +106,13 @@ class Table:
             is_lost = ~np.isfinite(values)
         else:
             is_lost = AreLost(cells)
-            self._CheckCells(column, ~np.isfinite(values) & ~is_lost)
+            is_bad = ~np.isfinite(values) & ~is_lost
+            allowed = "a finite number, or a word for a missing one"
+            RefuseCell(self.Place(column), self.lines, cells, is_bad, allowed)
         if minus_one_is_lost:
             is_lost |= values == -1
         values = np.where(is_lost, np.nan, values)
         return values * (UNITS[unit].factor if unit else 1.0)
-
-    def _CheckCells(self, column: str, is_bad: Flags) -> None:
-        for i in np.flatnonzero(is_bad)[:1]:
-            cell = str(self.frame[column].iloc[int(i)])
-            raise ScenarioError(
-                f"{self.Place(column)}: line {self.lines[i]}, {Show(cell)}: must be a "
-                "finite number, or a word for a missing one"
-            )
 
     def Times(self, column: str, unit: str | None = None) -> Times:
         """Returns the times of a column.
