@@ -111,13 +111,18 @@ def margins_of(loop: StateSpace, *, remedies: bool = True) -> Margins:
     bounds = [crossing for crossing in crossings if crossing.direction > 0]
     bounds.append(_at_zero_frequency(loop, np.abs(roots), slow))
     first = min(bounds, key=lambda crossing: crossing.delay)
-    lags = [crossing.phase_margin for crossing in crossings]
+    lags = [(crossing.phase_margin, crossing.frequency) for crossing in crossings]
+    phases = [(min(lag, 2 * math.pi - lag), w) for lag, w in lags]
+    phase, phase_frequency = min(phases, default=(math.inf, 0.0))
+    below, above = _gains_between(loop, grid)
     return Margins(
         is_stable=True,
         delay=first.delay,
         frequency=first.frequency,
-        phase=min((min(x, 2 * math.pi - x) for x in lags), default=math.inf),
-        gain=_gains_between(loop, grid),
+        phase=phase,
+        phase_frequency=phase_frequency,
+        gain=(below[0], above[0]),
+        gain_frequencies=(below[1], above[1]),
         gain_at_once=at_once,
     )
 
@@ -164,7 +169,7 @@ def stable_gains(loop: StateSpace, grid: Array, slow: float) -> list[Interval]:
         grid: As for _gains_between().
         slow: See _is_stable().
     """
-    values, falls = _real_loci(loop, grid)
+    values, falls, _ = _real_loci(loop, grid)
     positive = _stable_sizes(loop, 1 / values, falls, slow)
     if positive:
         return positive
@@ -434,22 +439,26 @@ def loop_frequencies(loop: StateSpace) -> Array:
     return np.array(sorted({*grid, *even}))
 
 
-def _gains_between(loop: StateSpace, grid: Array) -> Interval:
+def _gains_between(loop: StateSpace, grid: Array) -> tuple[Interval, Interval]:
     """Returns the gains next to 1, below and above, at which a root is on the axis.
 
-    Without such a gain the result is 0 or infinity.
+    Each has the frequency of the root in rad/s. Without such a gain it is 0 or
+    infinity.
 
     Args:
         loop: L.
         grid: Ascending frequencies in rad/s, from far below the slowest mode.
     """
-    values, _ = _real_loci(loop, grid)
-    gains = 1 / values[values > 0]
-    below = gains[gains < 1].max(initial=0.0)
-    return float(below), float(gains[gains > 1].min(initial=math.inf))
+    values, _, frequencies = _real_loci(loop, grid)
+    is_positive = values > 0
+    gains = (1 / values[is_positive]).tolist()
+    roots = list(zip(gains, frequencies[is_positive].tolist(), strict=True))
+    below = max((root for root in roots if root[0] < 1), default=(0.0, 0.0))
+    above = min((root for root in roots if root[0] > 1), default=(math.inf, 0.0))
+    return below, above
 
 
-def _real_loci(loop: StateSpace, grid: Array) -> tuple[Array, Array]:
+def _real_loci(loop: StateSpace, grid: Array) -> tuple[Array, Array, Array]:
     """Returns the real values 1/k of the loci at all gains k with a root on the axis.
 
     Args:
@@ -457,8 +466,9 @@ def _real_loci(loop: StateSpace, grid: Array) -> tuple[Array, Array]:
         grid: As for _gains_between().
 
     Returns:
-        1/k (K), and 1 where a pair of roots then moves to the right as k grows, -1
-        where it moves to the left, 0 where a real root is at 0 (K).
+        1/k (K); 1 where a pair of roots then moves to the right as k grows, -1 where it
+        moves to the left, 0 where a real root is at 0 (K); and the frequency of the
+        roots in rad/s (K).
     """
     # The signal that comes back; its real eigenvalues p belong to k = 1/p.
     system = -loop
@@ -476,11 +486,15 @@ def _real_loci(loop: StateSpace, grid: Array) -> tuple[Array, Array]:
     is_clear = (side[:-1] == side[1:]) & (side[1:] != 0)
     k, columns = np.nonzero(np.diff(np.signbit(loci.imag), axis=0) & is_clear)
     back = LoopLoci(system)
-    _, found = locate(back, columns, lambda p: p.imag, grid[k], grid[k + 1])
+    w, found = locate(back, columns, lambda p: p.imag, grid[k], grid[k + 1])
     # The sign of the imaginary part also changes where two complex eigenvalues of equal
     # magnitude change places in the order. These are left out.
     is_real = (np.abs(found.imag) < _REAL * np.abs(found)) & (found.real != 0)
     # From k p(s) = 1 follows sign Re ds/dk = -sign d(Im p)/dw.
     changes = np.where(loci.imag[k, columns] > 0, 1, -1)[is_real]
-    changes = np.append(np.zeros(len(values)), changes)
-    return np.append(values, found[is_real].real), changes
+    still = np.zeros(len(values))
+    return (
+        np.append(values, found[is_real].real),
+        np.append(still, changes),
+        np.append(still, w[is_real]),
+    )

@@ -29,9 +29,11 @@ class Margins:
             makes the loop unstable.
         phase: The smallest additional phase in rad, of either sign, that makes the loop
             unstable; infinity if the loop is stable with every phase.
+        phase_frequency: The frequency of the oscillation at this phase, rad/s.
         gain: The limits of the additional gain, one below and one above 1, between
             which the loop is stable; 0 and infinity if there is no limit from 1/100 to
             100.
+        gain_frequencies: The frequencies of the oscillations at these limits, rad/s.
         stable_gains: All intervals of the additional gain in which an unstable loop is
             stable, from 1/100 to 100; an end of 0 or infinity is beyond. If there is
             none, those of negative gains, which reverse the sign of the feedback.
@@ -47,7 +49,9 @@ class Margins:
     delay: float = 0.0
     frequency: float = 0.0
     phase: float = 0.0
+    phase_frequency: float = 0.0
     gain: Interval = (1.0, 1.0)
+    gain_frequencies: Interval = (0.0, 0.0)
     stable_gains: tuple[Interval, ...] = ()
     stable_delays: tuple[Interval, ...] = ()
     gain_at_once: float = 0.0

@@ -38,10 +38,15 @@ _ACCURACY = 1e-11
 
 
 class _Edge(NamedTuple):
-    """The value at which a loop becomes unstable, and the roots there."""
+    """The value at which a loop becomes unstable.
+
+    Attributes:
+        value: The value.
+        angle: The angle of the root that passes the unit circle there, rad, 0 to pi.
+    """
 
     value: float
-    roots: ComplexArray
+    angle: float = 0.0
 
 
 class _Search:
@@ -67,18 +72,22 @@ class _Search:
         return roots[order[self._num_neutral :]]
 
     def first(
-        self, grid: list[float], change: Callable[[float], ComplexArray]
-    ) -> _Edge | None:
+        self,
+        grid: list[float],
+        change: Callable[[float], ComplexArray],
+        otherwise: float = math.inf,
+    ) -> _Edge:
         """Returns the first value on a grid at which a loop becomes unstable.
 
         Args:
             grid: Values, of which the loop is stable at the first one.
             change: A function that returns the roots at a value.
+            otherwise: The value of the result if the loop is stable on the whole grid.
         """
         for stable, unstable in itertools.pairwise(grid):
             if _is_unstable(change(unstable)):
                 return _edge(stable, unstable, change)
-        return None
+        return _Edge(otherwise)
 
     def windows(
         self, grid: list[float], change: Callable[[float], ComplexArray]
@@ -110,7 +119,9 @@ def _edge(
             outside = middle
         else:
             inside = middle
-    return _Edge(outside, change(outside))
+    roots = change(outside)
+    root = roots[np.argmax(np.abs(roots))]
+    return _Edge(outside, abs(float(np.angle(root))))
 
 
 def _is_unstable(roots: ComplexArray) -> bool:
@@ -141,27 +152,23 @@ def sampled_margins(loop: SampledLoop, *, remedies: bool = True) -> Margins:
         if not remedies:
             return Margins(is_stable=False)
         return _remedies(search, gains, delays)
-    upper = search.first(gains.tolist(), lambda gain: search.roots(gain))
-    lower = search.first((1 / gains).tolist(), lambda gain: search.roots(gain))
+    upper = search.first(gains.tolist(), search.roots)
+    lower = search.first((1 / gains).tolist(), search.roots, otherwise=0.0)
     phases = np.linspace(0.0, math.pi, _NUM_PHASES)
+    # A real loop has the same margin against a phase of the other sign.
     ahead = search.first(
         phases.tolist(), lambda phase: search.roots(np.exp(1j * phase))
     )
-    # A real loop has the same margin against a phase of the other sign.
     late = search.first(delays.tolist(), lambda delay: search.roots(delay=delay))
-    frequency = 0.0
-    if late is not None:
-        crossing = late.roots[np.argmax(np.abs(late.roots))]
-        frequency = abs(float(np.angle(crossing))) / common_period(loop.clocks)
+    period = common_period(loop.clocks)
     return Margins(
         is_stable=True,
-        delay=math.inf if late is None else late.value,
-        frequency=frequency,
-        phase=math.inf if ahead is None else ahead.value,
-        gain=(
-            0.0 if lower is None else lower.value,
-            math.inf if upper is None else upper.value,
-        ),
+        delay=late.value,
+        frequency=late.angle / period,
+        phase=ahead.value,
+        phase_frequency=ahead.angle / period,
+        gain=(lower.value, upper.value),
+        gain_frequencies=(lower.angle / period, upper.angle / period),
     )
 
 

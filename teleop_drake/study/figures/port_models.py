@@ -48,14 +48,6 @@ _NUM_POINTS = 2000
 _TURN = 0.3
 _MOST_POINTS = 30_000
 
-# The search for crossovers goes on to higher frequencies until the gain is less.
-_LEAST_GAIN = 0.3
-_MOST_DECADES = 8
-
-# The number of refinements that locate a margin on a curve, and of points in each.
-_NUM_ROUNDS = 4
-_NUM_REFINED = 101
-
 MAGNITUDES = (1e-3, 1e3)
 """The magnitudes of loops that Bode plots show."""
 
@@ -70,9 +62,6 @@ GUIDE: Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
 _GAIN: Look = {"color": RunColor(1), "marker": "s", "ms": 4}
 _PHASE: Look = {"color": RunColor(2), "marker": "o", "ms": 4}
 _DELAY: Look = {"color": RunColor(3), "marker": "^", "ms": 8, "fillstyle": "none"}
-
-# A locus comes so near to the value of a margin, relative to it, or has it at 0 rad/s.
-_NEAR = 1e-4
 
 # A locus below this share of the largest one is 0, as of a loop of one force and
 # several measurements.
@@ -223,47 +212,42 @@ def _Read(model: Model) -> tuple[list[_Place], list[Artist]]:
 
 def _Places(model: Model, margins: Margins) -> list[_Place]:
     """Returns the places of the finite margins of a stable loop."""
-    w = _Search(model, margins)
     places = []
-    for gain in margins.gain:
+    for gain, w in zip(margins.gain, margins.gain_frequencies, strict=True):
         if 0.0 < gain < math.inf:
             label = f"gain margin {gain:.3g} ({20 * math.log10(gain):.1f} dB)"
-            frequency, value = _Nearest(model, w, [-1 / gain])
-            if abs(value * gain + 1) > _NEAR:
-                frequency = 0.0
-                value = complex(-1 / gain)
-            places.append(_Place(label, frequency, value, _GAIN))
+            places.append(_PlaceAt(model, label, w, [-1 / gain], _GAIN))
     if math.isfinite(margins.phase):
         turns = np.exp(1j * margins.phase * np.array([1, -1]))
-        frequency, value = _Nearest(model, w, -turns)
         label = f"phase margin {math.degrees(margins.phase):.3g}°"
-        places.append(_Place(label, frequency, value, _PHASE))
+        places.append(_PlaceAt(model, label, margins.phase_frequency, -turns, _PHASE))
     if math.isfinite(margins.delay) and isinstance(model, PortModel):
         # The locus is turned to -1 by the delay.
         turn = np.exp(1j * margins.frequency * margins.delay)
-        near = margins.frequency * np.geomspace(0.99, 1.01, _NUM_REFINED)
-        frequency, value = _Nearest(model, near, [-turn])
         label = f"delay margin {margins.delay:.4g} s"
-        places.append(_Place(label, frequency, value, _DELAY))
-    return [
-        place._replace(label=f"{place.label} at {place.frequency:.3g} rad/s")
-        for place in places
-    ]
+        places.append(_PlaceAt(model, label, margins.frequency, [-turn], _DELAY))
+    return places
 
 
-def _Search(model: Model, margins: Margins) -> Array:
-    """Returns frequencies in rad/s that contain the crossovers of a loop."""
-    w = model.bode().frequencies
-    if isinstance(model, SampledModel):
-        return _Dense(model, w[0], w[-1])
-    low, high = w[0], w[-1]
-    if margins.frequency > 0:
-        low = min(low, margins.frequency / 10)
-        high = max(high, margins.frequency * 10)
-    last = high * 10**_MOST_DECADES
-    while high < last and np.abs(_Values(model, np.array([high]))).max() > _LEAST_GAIN:
-        high *= 10
-    return _Dense(model, low, high)
+def _PlaceAt(
+    model: Model,
+    label: str,
+    frequency: float,
+    targets: Sequence[complex] | ComplexArray,
+    look: Look,
+) -> _Place:
+    """Returns the point of the loci at a frequency that is next to one of some values.
+
+    Args:
+        targets: The values; at 0 rad/s, where a locus may be infinite, the point is the
+            first one.
+    """
+    value = complex(targets[0])
+    if frequency > 0:
+        (values,) = _Values(model, np.array([frequency]))
+        distances = np.abs(values[:, np.newaxis] - np.asarray(targets))
+        value = complex(values[distances.min(axis=1).argmin()])
+    return _Place(f"{label} at {frequency:.3g} rad/s", frequency, value, look)
 
 
 def _Frequencies(model: Model, places: Sequence[_Place]) -> Array:
@@ -303,28 +287,6 @@ def _Values(model: Model, w: Array) -> ComplexArray:
     loci[is_finite] = TrackedLoci(loci[is_finite])
     sizes = np.nanmax(np.abs(loci), axis=0)
     return loci[:, sizes > _NOTHING * sizes.max()]
-
-
-def _Nearest(
-    model: Model, w: Array, targets: Sequence[complex] | ComplexArray
-) -> tuple[float, complex]:
-    """Returns the frequency in rad/s and the value of a locus nearest to some values.
-
-    Args:
-        w: Ascending frequencies in rad/s, on whose intervals it is searched.
-        targets: The values.
-    """
-    for _ in range(_NUM_ROUNDS):
-        values = _Values(model, w)
-        distances = np.abs(values[:, :, np.newaxis] - np.asarray(targets))
-        distances[np.isnan(distances)] = math.inf
-        place = np.unravel_index(np.argmin(distances), distances.shape)
-        k, locus, _ = map(int, place)
-        found = float(w[k]), complex(values[k, locus])
-        low = w[max(k - 1, 0)]
-        high = w[min(k + 1, len(w) - 1)]
-        w = np.linspace(low, high, _NUM_REFINED)
-    return found
 
 
 def _Phases(w: Array, values: ComplexArray, places: Sequence[_Place]) -> Array:

@@ -105,6 +105,12 @@ def test_margins_of_a_loop_of_third_order(late, gain):
     margins = sampled_margins(third_order(late))
     assert margins.is_stable
     assert margins.gain == (0.0, pytest.approx(gain, abs=1e-6))
+    if late == 0:
+        plant = [2.0], [1.0, 3.0, 2.0, 0.0]
+        numerator, denominator, _ = signal.cont2discrete(plant, 0.05)
+        z = np.exp(0.05j * margins.gain_frequencies[1])
+        L = np.polyval(numerator.ravel(), z) / np.polyval(denominator, z)
+        assert gain * L == pytest.approx(-1.0, abs=1e-5)
     # A delay before the hold and one behind the plant add up.
     assert margins.delay + late == pytest.approx(14.69307 * 0.05, abs=1e-6)
 

@@ -78,6 +78,10 @@ def test_an_integrator_tolerates_a_quarter_turn():
         assert margins.phase == pytest.approx(math.pi / 2 - 2 * inner, rel=1e-9)
         highest = math.pi / 4 / inner if inner else math.inf
         assert margins.gain == pytest.approx((0.0, highest), rel=1e-9)
+        assert margins.phase_frequency == pytest.approx(2.0, rel=1e-9)
+        # k T = pi/2 has the root j pi/(2 T).
+        turning = math.pi / 2 / inner if inner else 0.0
+        assert margins.gain_frequencies == pytest.approx((0.0, turning), rel=1e-9)
 
 
 @pytest.mark.slow
