@@ -3,7 +3,7 @@
 Each metric is one of the functions below, computed from the signals of an InsertionRun.
 In each step of the run the signals are polynomials. The instant of an event is a root
 of such a polynomial, a peak is its extreme, and integrals are exact. The operations are
-defined in numerics.pieces. To add your own metric, write such a function
+defined in laws.signal_metrics. To add your own metric, write such a function
 and call it in the Metrics() of your own task. Pages do not show it.
 """
 
@@ -13,11 +13,15 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.numerics.pieces import (
-    SAME_INSTANT,
+from teleop_drake.loops.numerics.pieces import SAME_INSTANT, Crossings, Pieces
+from teleop_drake.model.blocks.environments import (
+    CONTACT,
+    PUNCTURE,
+    FindSurface,
+    Surface,
+)
+from teleop_drake.model.laws.signal_metrics import (
     Band,
-    Crossings,
-    Pieces,
     extremes,
     first_after,
     integral,
@@ -26,12 +30,6 @@ from teleop_drake.loops.numerics.pieces import (
     value_before,
     values_in,
     variation,
-)
-from teleop_drake.model.blocks.environments import (
-    CONTACT,
-    PUNCTURE,
-    FindSurface,
-    Surface,
 )
 from teleop_drake.model.task_recording import TaskRecording
 

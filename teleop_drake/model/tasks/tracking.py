@@ -10,13 +10,14 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 from teleop_drake.loops.framework.arrays import Array, Record
 from teleop_drake.loops.framework.validation import GainMatrix
 from teleop_drake.loops.framework.wiring import Wire
-from teleop_drake.loops.numerics.pieces import Pieces, extremes, rms
+from teleop_drake.loops.numerics.pieces import Pieces
 from teleop_drake.loops.run.recording import Event
 from teleop_drake.model.blocks.robots import PlantRobotConfig
 from teleop_drake.model.blocks.systems.disturbance_force import DisturbanceForce
 from teleop_drake.model.blocks.systems.network_tracking_controller import (
     NetworkTrackingController,
 )
+from teleop_drake.model.laws.signal_metrics import extremes, rms
 from teleop_drake.model.laws.tracking import TrackingGains
 from teleop_drake.model.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.model.signals import NamedSignals

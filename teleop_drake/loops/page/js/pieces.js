@@ -1,4 +1,5 @@
-// Signals of a run in pieces, and functions of such signals, named as in numerics/pieces.py.
+// Signals of a run in pieces, and functions of such signals, named as in numerics/pieces.py and
+// in model/laws/signal_metrics.py.
 //
 // A signal in pieces is an array with five values for each piece, at equal distances. Between these
 // values the signal is the quartic through them. A vector has one such array for each component.
