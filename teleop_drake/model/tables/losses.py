@@ -30,11 +30,13 @@ def Unwrapped(numbers: ArrayLike) -> Indices:
     """Returns numbers of packets that count on where 16 bits are full.
 
     A number is nearest to the one before it: answers that overtake each other keep
-    their numbers.
+    their numbers. macOS tells of lost packets by numbers that have counted on.
     """
     numbers = np.asarray(numbers, dtype=np.int64)
-    if numbers.size == 0 or numbers.max() >= _WRAP:
+    if numbers.size == 0 or numbers.min() >= _WRAP:
         return numbers
     steps = np.diff(numbers)
-    steps = (steps + _WRAP // 2) % _WRAP - _WRAP // 2
+    is_wrapped = np.minimum(numbers[1:], numbers[:-1]) < _WRAP
+    nearest = (steps + _WRAP // 2) % _WRAP - _WRAP // 2
+    steps = np.where(is_wrapped, nearest, steps)
     return numbers[0] + np.concatenate([[0], np.cumsum(steps)])

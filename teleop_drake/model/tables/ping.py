@@ -17,7 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_drake.loops.framework.arrays import Array, Indices
-from teleop_drake.loops.framework.validation import CheckNumber, ScenarioError
+from teleop_drake.loops.framework.validation import (
+    CheckNumber,
+    Refuse,
+    ScenarioError,
+    Show,
+)
 from teleop_drake.model.tables.losses import Unwrapped
 from teleop_drake.model.tables.measured import HALVED, Packets
 from teleop_drake.model.tables.ping_stamps import SplitStamp, TimesOfStamps
@@ -27,8 +32,20 @@ from teleop_drake.model.tables.source import TableSource
 # `icmp_seq=5`, `seq=5`, `icmp_seq 5`, `: [5],`
 _SEQUENCE = re.compile(r"\b(?:icmp_)?seq[ =:]\s?(\d{1,15})\b|(?:^|\s): \[(\d{1,15})\],")
 # `time=12.3 ms`, `Zeit=12,3 ms`, `tempo<1ms`, `84 bytes, 12.3 ms`
-_ROUND_TRIP = re.compile(r"([=<,])\s?(\d+(?:[.,]\d+)?)\s?(ms|мс|us|usec|s|sec)\b")
-_WINDOWS = re.compile(r".*[=<]\s?\d+\s?(?:ms|мс)\b.*TTL\s?=\s?\d+", re.IGNORECASE)
+_ROUND_TRIP = re.compile(
+    r"([=<,])\s?(\d+(?:[.,]\d+)?)\s?((?:ms|мс|us|usec|s|sec)\b|ミリ秒|毫秒)"
+)
+# `bytes=32 time=10ms TTL=57` in any language and code page, or `: time=10ms` of IPv6.
+_WINDOWS = re.compile(
+    r".*[=<]\s?\d+\s?[^\s\d]{1,6}\s+TTL\s?=\s?\d+.*"
+    r"|[^=]*:\s[^=<]*[=<]\s?\d+\s?(?:ms|мс)\s*",
+    re.IGNORECASE,
+)
+_BEFORE_TTL = re.compile(r"([=<])\s?(\d+)\s?[^\s\d]{1,6}\s+TTL", re.IGNORECASE)
+# An answer begins with its number of bytes; a line that tells of a loss does not.
+_BYTES = re.compile(r"\s*\d+\s")
+# What differs between answers besides their stamps: `id=7`, `(12.3 avg, 0% loss)`.
+_DETAILS = re.compile(r"\w+=\S+|\([^()]*\)")
 # The heading: `PING a.example (192.0.2.1) 56(84) bytes of data.`, `Pinging 1.1.1.1 ...`
 _HEADING = re.compile(r"^(PING6?\b|Pinging )", re.MULTILINE)
 # BSD, macOS and BusyBox: `PING a.example (192.0.2.1): 56 data bytes`.
@@ -53,6 +70,7 @@ class Answer:
         is_below: Whether the round trip was only told to be less than a bound.
         is_copy: Whether the line is marked as a further answer to the same packet.
         stamp: The text of the stamp before it; empty: there is none.
+        rest: The line without numbers of this packet; an unknown stamp is in it.
     """
 
     line: int
@@ -62,6 +80,7 @@ class Answer:
     is_below: bool = False
     is_copy: bool = False
     stamp: str = ""
+    rest: str = ""
 
     @property
     def is_lost(self) -> bool:
@@ -74,7 +93,7 @@ def IsPing(text: str) -> bool:
     if _HEADING.search(text):
         return True
     for line in text.splitlines()[:_INSPECTED]:
-        if _WINDOWS.match(line):
+        if _WINDOWS.fullmatch(line):
             return True
         if _SEQUENCE.search(line) and (_ROUND_TRIP.search(line) or "," not in line):
             return True
@@ -91,9 +110,9 @@ def PacketsOfPing(text: str, source: TableSource) -> Packets:
     origin = source.origin
     if len(_HEADING.findall(text)) > 1:
         raise ScenarioError(f"{origin}: must be one run of ping; split the file")
-    lines = text.splitlines()
-    summary = ReadSummary(lines)
-    found = _Answers(lines[: summary.begin])
+    lines = [SplitStamp(line) for line in text.splitlines()]
+    summary = ReadSummary([body for _, body in lines], origin)
+    found = _Answers(lines[: summary.begin], origin)
     answers = [x for x in found if not x.is_lost]
     if not answers:
         number = summary.sent or len(found)
@@ -128,19 +147,36 @@ def PacketsOfPing(text: str, source: TableSource) -> Packets:
     )
 
 
-def _Answers(lines: Sequence[str]) -> list[Answer]:
-    """Returns the answers and the lost packets of the lines before the summary."""
+def _Answers(lines: Sequence[tuple[str, str]], origin: str) -> list[Answer]:
+    """Returns the answers and the lost packets of the lines before the summary.
+
+    Args:
+        lines: The stamp and the rest of each line.
+        origin: The beginning of messages.
+
+    Raises:
+        ScenarioError: If a line is neither.
+    """
     answers = []
-    is_windows = any(map(_WINDOWS.match, lines))
-    for i, line in enumerate(lines, 1):
-        stamp, body = SplitStamp(line)
+    is_windows = [_WINDOWS.fullmatch(body) is not None for _, body in lines]
+    # Windows ends its heading with a colon; what precedes it is not of ping.
+    first = is_windows.index(True) if any(is_windows) else len(lines)
+    headings = [i for i in range(first) if _IsHeading(lines[i][1])]
+    begin = headings[-1] + 1 if headings else 0
+    for i, (stamp, body) in enumerate(lines):
         sequence = _SEQUENCE.search(body)
-        if sequence:
-            number = int(sequence[1] or sequence[2])
-            answers.append(_Answer(i, number, body, stamp))
-        elif is_windows and body.strip() and not _IsHeading(body):
-            is_answer = _WINDOWS.match(body)
-            answers.append(_Answer(i, None, body if is_answer else "", stamp))
+        number = int(sequence[1] or sequence[2]) if sequence else None
+        is_loss = any(is_windows) and i >= begin and bool(body.strip())
+        if not (sequence or is_windows[i] or is_loss):
+            continue
+        answer = _Answer(i + 1, number, body, stamp)
+        is_cut = sequence is not None and sequence[1] and _BYTES.match(body)
+        if answer.is_lost and (is_cut or (not sequence and re.search("[=<>]", body))):
+            raise ScenarioError(
+                f"{origin}: line {i + 1}, {Show(body.strip())}: must have a round trip "
+                "with its unit, as time=12.3 ms, or tell of a lost packet"
+            )
+        answers.append(answer)
     return answers
 
 
@@ -150,11 +186,13 @@ def _IsHeading(body: str) -> bool:
 
 
 def _Answer(line: int, number: int | None, body: str, stamp: str) -> Answer:
-    found = _ROUND_TRIP.search(body)
+    found = _ROUND_TRIP.search(body) or _BEFORE_TTL.search(body)
     if found is None:
         return Answer(line, number, math.nan, stamp=stamp)
-    round_trip, resolution = ParseTime(found[2], found[3])
+    unit = found[3] if found.re is _ROUND_TRIP else "ms"
+    round_trip, resolution = ParseTime(found[2], unit)
     is_below = found[1] == "<"
+    after = body[found.end() :]
     return Answer(
         line,
         number,
@@ -162,8 +200,9 @@ def _Answer(line: int, number: int | None, body: str, stamp: str) -> Answer:
         resolution,
         is_below,
         # `(DUP!)`, in each language.
-        is_copy=bool(re.match(r"\s*\((?!.*avg)", body[found.end() :])),
+        is_copy=bool(re.match(r"\s*\((?!.*avg)", after)),
         stamp=stamp,
+        rest=_DETAILS.sub("", _SEQUENCE.sub("", body[: found.start()]) + after),
     )
 
 
@@ -258,12 +297,18 @@ def _TimesSent(
     if interval is None and has_stamps:
         return _TimesOfStamps(answered, numbers, summary, source.origin)
     if interval is not None:
-        CheckNumber(f"{source.path}.interval", interval, "s", above=0)
+        path = f"{source.path}.interval"
+        CheckNumber(path, interval, "s", above=0)
+        if summary.duration and len(numbers) > 1:
+            told = summary.duration / (len(numbers) - 1)
+            if abs(interval - told) > 0.1 * told:
+                Refuse(path, interval, f"{told:.4g} (s), as ping's summary tells")
         how = "as given"
     elif summary.duration and len(numbers) > 1:
         interval = summary.duration / (len(numbers) - 1)
         how = "from ping's summary"
     else:
+        _CheckNoStamps(list(answered.values()), source.origin)
         interval = _USUAL_INTERVAL
         how = "taken so: no stamps"
     return (
@@ -271,6 +316,17 @@ def _TimesSent(
         f"packets {interval:.4g} s apart ({how})",
         (),
     )
+
+
+def _CheckNoStamps(answers: Sequence[Answer], origin: str) -> None:
+    """Refuses lines without a known stamp that differ as if they had another one."""
+    if len({answer.rest for answer in answers}) > len(answers) / 2 > 0.5:
+        first = answers[0]
+        raise ScenarioError(
+            f"{origin}: line {first.line}, {Show(first.rest.strip())}: must have a "
+            "stamp in seconds since 1970, in ISO 8601 or with a time of day, or no "
+            "stamp; write {file: ..., interval: ...} (s) to leave it aside"
+        )
 
 
 def _TimesOfStamps(

@@ -10,10 +10,11 @@ from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.tables.measured import SET_BACK, ShowTime
 from teleop_drake.model.tables.stamps import ReadTimes
 
-# Seconds since 1970 (`ping -D`), a date, or a date of any form with a time of day. No
-# colon may stand before that one, so that it is no part of an IPv6 address.
+# Times since 1970 in s (`ping -D`), ms, us or ns, a date, or a date of any form with a
+# time of day. No colon may stand before that one, so that it is no part of an IPv6
+# address.
 _STAMPS = (
-    re.compile(r"\s*\[?(\d{9,10}(?:[.,]\d+)?)\]?[,;:]?\s"),
+    re.compile(r"\s*\[?(\d{9,10}(?:[.,]\d+)?|\d{13}|\d{16}|\d{19})\]?[,;:]?\s"),
     re.compile(
         r"\s*\[?(\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d:\d\d(?:[.,]\d+)?"
         r"\s?(?:Z|UTC|[+-]\d\d:?\d\d)?)\]?[,;:]?\s"

@@ -47,6 +47,7 @@ Ping statistics for 192.0.2.1:
 Approximate round trip times in milli-seconds:
     Minimum = 0ms, Maximum = 10ms, Average = 5ms
 """
+WINDOWS_READ = [10.0, LOST, 0.5, LOST], [0, 1, 2, 3]
 GERMAN = """\
 
 Ping wird ausgeführt für a.example [192.0.2.1] mit 32 Bytes Daten:
@@ -70,6 +71,76 @@ Réponse de 192.0.2.1 : octets=32 temps=30 ms TTL=57
 Statistiques Ping pour 192.0.2.1:
     Paquets : envoyés = 3, reçus = 2, perdus = 1 (perte 33%),
 """
+# The lines of a summary, which other languages break or divide by other commas.
+ITALIAN = """\
+
+Esecuzione di Ping a.example [192.0.2.1] con 32 byte di dati:
+Risposta da 192.0.2.1: byte=32 durata=10ms TTL=57
+Richiesta scaduta.
+Risposta da 192.0.2.1: byte=32 durata=30ms TTL=57
+
+Statistiche Ping per 192.0.2.1:
+    Pacchetti: Trasmessi = 3, Ricevuti = 2,
+    Persi = 1 (33% persi),
+Tempo approssimativo percorsi andata/ritorno in millisecondi:
+    Minimo = 10ms, Massimo =  30ms, Medio =  20ms
+"""
+RUSSIAN = """\
+
+Обмен пакетами с a.example [192.0.2.1] с 32 байтами данных:
+Ответ от 192.0.2.1: число байт=32 время=10мс TTL=57
+Превышен интервал ожидания для запроса.
+Ответ от 192.0.2.1: число байт=32 время=30мс TTL=57
+
+Статистика Ping для 192.0.2.1:
+    Пакетов: отправлено = 3, получено = 2, потеряно = 1
+    (33% потерь)
+Приблизительное время приема-передачи в мс:
+    Минимальное = 10мсек, Максимальное = 30 мсек, Среднее = 20 мсек
+"""
+CHINESE = """\
+
+正在 Ping a.example [192.0.2.1] 具有 32 字节的数据:
+来自 192.0.2.1 的回复: 字节=32 时间=10ms TTL=57
+请求超时。
+来自 192.0.2.1 的回复: 字节=32 时间=30ms TTL=57
+
+192.0.2.1 的 Ping 统计信息:
+    数据包: 已发送 = 3，已接收 = 2，丢失 = 1 (33% 丢失)，
+往返行程的估计时间(以毫秒为单位):
+    最短 = 10ms，最长 = 30ms，平均 = 20ms
+"""
+JAPANESE = """\
+
+a.example [192.0.2.1]に ping を送信しています 32 バイトのデータ:
+192.0.2.1 からの応答: バイト数 =32 時間 =10ms TTL=57
+要求がタイムアウトしました。
+192.0.2.1 からの応答: バイト数 =32 時間 =30ms TTL=57
+
+192.0.2.1 の ping 統計:
+    パケット数: 送信 = 3、受信 = 2、損失 = 1 (33% の損失)、
+ラウンド トリップの概算時間 (ミリ秒):
+    最小 = 10ms、最大 = 30ms、平均 = 20ms
+"""
+OVER_IPV6 = """\
+
+Pinging a.example [2001:db8::1] with 32 bytes of data:
+Reply from 2001:db8::1: time=10ms\x20
+Request timed out.
+Reply from 2001:db8::1: time=30ms\x20
+
+Ping statistics for 2001:db8::1:
+    Packets: Sent = 3, Received = 2, Lost = 1 (33% loss),
+"""
+CONSOLE = "Microsoft Windows [Version 10]\n\nC:\\>ping -t a.example\n"
+
+# iputils in other languages: the counts, which stand before or behind their words.
+COUNTS = {
+    "Chinese": "已发送 4 个包， 已接收 2 个包, 50% 包丢失, 耗时 600 毫秒",
+    "Japanese": "送信パケット数 4, 受信パケット数 2, パケット損失 50%, 時間 600ミリ秒",
+    "Turkish": "4 paket iletildi, 2 alındı, %50 paket kaybı, süre 600ms",
+    "Korean": "4 패킷이 전송되었습니다, 2 수신되었습니다, 50% 패킷 손실, 시간 600ms",
+}
 FPING = """\
 192.0.2.1 : [0], 64 bytes, 10.0 ms (10.0 avg, 0% loss)
 192.0.2.1 : [1], timed out (10.0 avg, 50% loss)
@@ -177,12 +248,8 @@ DIALECTS = {
         [10.0, 30.0],
         [0, 1],
     ),
-    "Windows": (WINDOWS, [10.0, LOST, 0.5, LOST], [0, 1, 2, 3]),
-    "Windows with its line ends": (
-        WINDOWS.replace("\n", "\r\n"),
-        [10.0, LOST, 0.5, LOST],
-        [0, 1, 2, 3],
-    ),
+    "Windows": (WINDOWS, *WINDOWS_READ),
+    "Windows with its line ends": (WINDOWS.replace("\n", "\r\n"), *WINDOWS_READ),
     "Windows in German, of a terminal": (GERMAN.encode("cp850"), THREE, [0, 1, 2]),
     "Windows in German, of PowerShell": (GERMAN.encode("utf-16"), THREE, [0, 1, 2]),
     "Windows in French": (FRENCH.encode("cp1252"), THREE, [0, 1, 2]),
@@ -202,6 +269,41 @@ DIALECTS = {
         answer(1, 10.0, "May 27 10:59:00.01 ") + answer(2, 30.0, "May 27 10:59:01.03 "),
         [10.0, 30.0],
         [0, 1],
+    ),
+    "Windows in Italian": (ITALIAN, THREE, [0, 1, 2]),
+    "Windows in Russian, of a terminal": (RUSSIAN.encode("cp866"), THREE, [0, 1, 2]),
+    "Windows in Chinese": (CHINESE, THREE, [0, 1, 2]),
+    "Windows in Chinese, of a terminal": (CHINESE.encode("gbk"), THREE, [0, 1, 2]),
+    "Windows in Japanese, of a terminal": (JAPANESE.encode("cp932"), THREE, [0, 1, 2]),
+    "Windows over IPv6": (OVER_IPV6, THREE, [0, 1, 2]),
+    "Windows, with the console's lines": (CONSOLE + WINDOWS, *WINDOWS_READ),
+    "Windows, with a stamp on each line": (
+        "".join(
+            f"27.05.2030 10:59:0{min(i, 5)} {line}\n"
+            for i, line in enumerate(GERMAN.splitlines())
+        ),
+        THREE,
+        [0, 0.99, 1.98],
+    ),
+    **{
+        f"iputils in {language}": (
+            IPUTILS + BOTH.replace(" ms", unit) + f"\n--- h ---\n{counts}\n",
+            [10.0, 30.0, LOST, LOST],
+            [0, 0.2, 0.4, 0.6],
+        )
+        for (language, counts), unit in zip(
+            COUNTS.items(), (" 毫秒", "ミリ秒", " ms", " ms"), strict=True
+        )
+    },
+    "stamps in ms since 1970": (
+        answer(1, 10.0, "[1700000000010] ") + answer(2, 30.0, "1700000000230 "),
+        [10.0, 30.0],
+        [0, 0.2],
+    ),
+    "numbers of 16 bits of macOS": (
+        answer(65535, 10.0) + "Request timeout for icmp_seq 65536\n" + answer(1, 30.0),
+        THREE,
+        [0, 1, 2],
     ),
     "numbers of 16 bits": (
         answer(65535, 10.0) + answer(1, 30.0),
@@ -240,6 +342,15 @@ def test_what_was_read_is_told(tmp_path):
     assert "packets 0.05 s apart (as given)" in told
 
 
+def test_stamps_of_an_unknown_form_may_be_left_aside(tmp_path):
+    text = "".join(answer(i, 10.0, f"{i / 5:.6f} ") for i in range(1, 4))
+    with pytest.raises(
+        ScenarioError, match=r"line 1, '0.200000 64 bytes.*must have a "
+    ):
+        read(tmp_path, text)
+    assert read(tmp_path, text, interval=0.2).times.tolist() == [0, 0.2, 0.4]
+
+
 STAMPED = answer(1, 10.0, "[1700000000.0] ") + answer(2, 30.0, "[1700000000.2] ")
 
 
@@ -257,7 +368,7 @@ STAMPED = answer(1, 10.0, "[1700000000.0] ") + answer(2, 30.0, "[1700000000.2] "
         ),
         (IPUTILS + STAMPED + summary(2, 2, ", time 9000ms"), "0.18 s, and ping's summ"),
         (
-            WINDOWS.replace("Sent = 4", "Sent = 6"),
+            WINDOWS.replace("Sent = 4", "Sent = 6").replace("Lost = 1", "Lost = 3"),
             "4 packets were read, and ping's sum",
         ),
         (IPUTILS + BOTH + IPUTILS + BOTH, "must be one run of ping; split the file"),
@@ -276,6 +387,26 @@ STAMPED = answer(1, 10.0, "[1700000000.0] ") + answer(2, 30.0, "[1700000000.2] "
             IPUTILS + summary(2, 2, "", 9),
             "has only the summary of 2 packets: leave out -q",
         ),
+        (
+            "".join(answer(i, f"10 ms [{1.7e9 + i:.0f}]") for i in (1, 2, 3)),
+            " ms': must have a stamp in seconds since 1970, in ISO 8601",
+        ),
+        (
+            IPUTILS + BOTH + answer(3, "14").removesuffix(" ms\n"),
+            "line 4, '64 bytes from 192.0.2.1: icmp_seq=3 ttl=57 time=14': must have a",
+        ),
+        (
+            BOTH.replace("ms", "milli"),
+            "icmp_seq=1 ttl=57 time=10.0 milli': must have a round trip with its unit",
+        ),
+        (
+            IPUTILS + BOTH + "--- h statistics ---\nfour packets, all answered\n",
+            "line 4, '--- h statistics ---': must be followed by the numbers of pac",
+        ),
+        (
+            WINDOWS.partition("\nPing stat")[0] + "Sent = 4\n",
+            "line 7, 'Sent = 4': must have a round trip with its unit",
+        ),
         (answer(1, 9), "must have two packets, and has 1"),
         (answer(1, 9) + answer(30000, 9), "packets 1 to 30000: must have fewer gaps"),
     ],
@@ -289,6 +420,12 @@ def test_what_disagrees_is_refused(text, message, tmp_path):
 def test_a_bad_interval(tmp_path):
     with pytest.raises(ScenarioError, match=r"^trace.interval = 0: must be a finite n"):
         read(tmp_path, BOTH, interval=0)
+    text = IPUTILS + BOTH + summary(2, 2, ", time 200ms")
+    assert read(tmp_path, text, interval=0.21).times.tolist() == [0, 0.21]
+    with pytest.raises(
+        ScenarioError, match=r"^trace.interval = 1: must be 0.2 \(s\), "
+    ):
+        read(tmp_path, text, interval=1)
 
 
 def test_columns_of_ping_are_refused(tmp_path):
