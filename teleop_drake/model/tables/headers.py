@@ -3,6 +3,7 @@
 time_s   Time [ms]   RTT (us)   timeMs   v_m_s   x_mm   linear.x   tool position (mm)
 """
 
+import itertools
 import re
 from typing import NamedTuple
 
@@ -100,8 +101,8 @@ def ParseHeader(name: str) -> Header:
     """Returns the words and the unit of a column's name.
 
     Text in square brackets is a unit, known or not, except for the number of a
-    component, as in `tool_velocity[0]`. Text in parentheses, behind a `/`
-    or behind a `_` is one only if it is a known unit.
+    component, as in `tool_velocity[0]`. Text in parentheses is one if it is known or
+    has a `/`, and text behind a `/` or a `_` only if it is known.
     """
     name = name.strip().strip("\"'")
     # `seconds`, `nanosec`, `millis` alone are times; `s` and `ms` may be anything.
@@ -111,10 +112,11 @@ def ParseHeader(name: str) -> Header:
     found = _BRACKETS.fullmatch(name)
     if found and found[1] and not (found[2] or "").strip().isdecimal():
         unit = CleanUnit(next(x for x in found.groups()[1:] if x is not None))
-        if unit in UNITS or found[2] is not None:
+        if unit in UNITS or found[2] is not None or "/" in unit:
             return Header(_Words(found[1]), unit)
-    for form in (_SUFFIX, _CAMEL):
-        found = form.fullmatch(name)
+    spellings = (name, name.lower()) if name.isupper() else (name,)
+    for form, spelling in itertools.product((_SUFFIX, _CAMEL), spellings):
+        found = form.fullmatch(spelling)
         if found:
             return Header(_Words(found[1]), CleanUnit(found[2]))
     return Header(_Words(name), "")
@@ -123,6 +125,8 @@ def ParseHeader(name: str) -> Header:
 def CleanUnit(unit: str) -> str:
     """Returns the name of a unit in the spelling of UNITS, if it is known."""
     unit = unit.strip().replace("µ", "u").replace("μ", "u").replace("·", ".")
+    unit = unit.replace("⁻¹", "-1").replace("^-1", "-1")
+    unit = re.sub(r"(?: ?/ ?| per )s(?:ec|econd)?$", "/s", unit)
     return unit if unit in UNITS else unit.lower()
 
 

@@ -14,7 +14,9 @@ from teleop_drake.model.tables.stamps import CheckTimeUnit
 from teleop_drake.model.tables.table import Table
 
 # The names of columns, as keys of ParseHeader(). A value is a delay one way.
-_COUNT = r"(.+_)?(counts?|frequency|frequencies|occurrences|packets|samples)"
+_COUNT = (
+    r"(?!.*cumulative)(.+_)?(counts?|frequency|frequencies|occurrences|packets|samples)"
+)
 _DELAY = r"(.+_)?(values?|bins?|delay|owd|jitter)"
 _ROUND_TRIP = r"(.+_)?(rtt|round_?trips?)"
 

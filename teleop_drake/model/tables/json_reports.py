@@ -80,17 +80,19 @@ def PacketsOfReport(contents: Any, origin: str) -> Packets | None:
 
 
 def _Packets(report: Report, records: list[Any], origin: str) -> Packets:
-    # Reports of WebRTC have many kinds; only some have a time and a delay.
     if report.tool == "WebRTC":
-        records = [x for x in records if _First(x, report.delay) is not None]
+        records = _OfOnePair(records, report, origin)
+    # What iperf3 omits precedes its test, and its clock begins anew.
+    records = [x for x in records if not x.get("omitted")]
     times = [_Number(_First(x, report.time)) for x in records]
     if not all(map(math.isfinite, times)):
         raise ScenarioError(f"{origin}: {report.time}: must be a number in each record")
     first = times[0]
     sent = np.array([time - first for time in times]) * report.time_unit
     round_trips = np.array([_Delay(report, x) for x in records]) * report.delay_unit
-    if (round_trips < 0).any():
-        raise ScenarioError(f"{origin}: {report.delay}: must be >= 0")
+    # iperf3 prints 0 where the system tells no round trip.
+    if (round_trips < 0).any() or not (round_trips != 0).any():
+        raise ScenarioError(f"{origin}: {report.delay}: must be >= 0, and not always 0")
     places = np.arange(len(sent)) + 1
     order = InOrder(sent, round_trips, sent + round_trips, origin, places)
     sent = sent[order]
@@ -102,6 +104,24 @@ def _Packets(report: Report, records: list[Any], origin: str) -> Packets:
         clock="date stamps" if is_date else "seconds",
         remarks=(f"JSON of {report.tool}",),
     )
+
+
+def _OfOnePair(records: list[Any], report: Report, origin: str) -> list[Any]:
+    """Returns the records of WebRTC that have a delay, of the pair that is in use.
+
+    Reports have many kinds of records, and pairs of addresses that are only checked.
+    """
+    found = [x for x in records if _First(x, report.delay) is not None]
+    names = sorted({str(x.get("id")) for x in found})
+    if len(names) > 1:
+        found = [x for x in found if x.get("nominated") or x.get("selected")]
+        instants = {_First(x, report.time) for x in found}
+        if not found or len(instants) < len(found):
+            raise ScenarioError(
+                f"{origin}: candidate pairs {', '.join(names)}: must have one at a "
+                "time that is nominated; leave the others out"
+            )
+    return found
 
 
 def _Delay(report: Report, record: Any) -> float:

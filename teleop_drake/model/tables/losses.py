@@ -10,7 +10,7 @@ _WORDS = frozenset(
         "timedout", "timed out", "time out", "timed-out", "request timed out",
         "request timed out.", "no reply", "no answer", "no response", "unreachable",
         "dropped", "drop", "missing", "failed", "error", "inf", "+inf", "-inf",
-        "infinity", "*", "-", "--", "?",
+        "infinity", "*", "-", "--", "?", "#n/a", "<na>", "-nan", "nat",
     ]
 )  # fmt: skip
 

@@ -126,7 +126,12 @@ def _Axis(table: Table, column: str, quantity: str, source: TableSource) -> Arra
     """Returns the numbers of an axis in SI (N); NaN: missing."""
     unit = source.units.get(quantity) or table.UnitOf(column)
     if unit and (unit not in UNITS or UNITS[unit].quantity not in QUANTITIES[quantity]):
-        allowed = [x for x, y in UNITS.items() if y.quantity in QUANTITIES[quantity]]
+        # One spelling of each: mm/s also stands for mm_s and mm per s.
+        allowed = [
+            x
+            for x, y in UNITS.items()
+            if y.quantity in QUANTITIES[quantity] and x.replace("/", "").isalpha()
+        ]
         raise ScenarioError(
             f"{table.Place(column)}: unit {Show(unit)}: must be one of "
             f"{', '.join(allowed)}"

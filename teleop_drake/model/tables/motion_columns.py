@@ -21,7 +21,7 @@ _NAMES = {
     r"|(.+_)?(linear|angular)(_velocity)?_(x|y|z)",
     "position": r"(.+_)?(p|pos|position|positions|qpos|x|y|z)(_?(x|y|z|\d+))*",
 }
-_ANGULAR = r"(.+_)?(angular|w|omega)(_.+)?"
+_ANGULAR = r"(.+_)?(angular|w|omega|orientation|rotation)(_.+)?"
 
 
 class MotionColumns(NamedTuple):

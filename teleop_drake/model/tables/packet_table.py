@@ -19,7 +19,13 @@ from teleop_drake.model.tables.measured import (
     Packets,
 )
 from teleop_drake.model.tables.source import TableSource
-from teleop_drake.model.tables.stamps import CheckTimeUnit, ReadTimes, RefuseCell
+from teleop_drake.model.tables.stamps import (
+    DAY,
+    LENGTH_OF_DAY,
+    IsTimeUnit,
+    ReadTimes,
+    RefuseCell,
+)
 from teleop_drake.model.tables.table import Table
 
 # What names of columns mean, in the order in which they are tried: a `round_trip_time`
@@ -28,6 +34,8 @@ _MEANINGS = {
     "rtt": r"(.+_)?(rtt|round_?trips?)(_.+)?",
     "delay": r"(.+_)?(delay|owd|one_way)(_time)?|(one_way_|network_)latency",
     "lost": r"(is_|was_)?(lost|dropped|loss)",
+    "arrived": r"(is_|was_)?(ok|success|successful|succeeded|answered|delivered)"
+    r"|status|result",
     "number": r"((icmp_)?seq(uence)?|packet)(_?(no|nr|num|number|id))?",
     "received": rf"((t|time|timestamp|stamp)_)?(received?|recv|rx|arrival|arrived)"
     rf"(_(at|{TIME_WORDS}))?",
@@ -36,6 +44,17 @@ _MEANINGS = {
 }
 ROLES = ("time", *(role for role in _MEANINGS if role != "time"))
 """The roles of columns that a user may name."""
+
+# Quantities of many packets, which are asked for.
+_STATISTIC = (
+    r"(.+_)?(min|max|avg|mean|median|std|stddev|sd|dev|mdev|deviation|var|variance|"
+    r"jitter|p\d+|percentile|count|minimum|maximum|average)(_.+)?"
+)
+
+# Marks of packets, in the columns of the roles `lost` and `arrived`.
+_YES = ("true", "1", "1.0", "yes", "t", "y")
+_NO = ("false", "0", "0.0", "no", "f", "n")
+_WELL = ("ok", "success", "successful", "received", "reply", "answered", "delivered")
 
 # Packet numbers without a packet are lost; with more than this, they are no numbers.
 _MOST_GAPS = 100
@@ -54,9 +73,12 @@ def PacketsOfTable(table: Table, source: TableSource) -> Packets:
     roles = _Roles(table, source.columns)
     if "time" not in roles:
         _AskForColumns(table, "the time when a packet was sent", roles)
-    sent = table.Times(roles["time"], source.units.get("time"))
+    unit = source.units.get("time") or table.UnitOf(roles["time"])
+    if unit and not IsTimeUnit(unit):
+        _AskForUnit(table, roles["time"], "time", source)
+    sent = table.Times(roles["time"], unit)
     if sent.unit is None:
-        _AskForUnit(table, roles["time"], "time")
+        _AskForUnit(table, roles["time"], "time", source)
     times = sent.since_first
     remarks: tuple[str, ...] = ()
     if "delay" in roles:
@@ -74,8 +96,9 @@ def PacketsOfTable(table: Table, source: TableSource) -> Packets:
         arrivals = times + round_trips
     else:
         _AskForColumns(table, "a delay (delay, rtt or received)", roles)
-    if "lost" in roles:
-        delays = np.where(_Flags(table, roles["lost"]), np.nan, delays)
+    for role in ("lost", "arrived"):
+        if role in roles:
+            delays = np.where(_AreLost(table, role, roles[role]), np.nan, delays)
     is_negative = delays < 0
     for i in np.flatnonzero(is_negative)[:1]:
         reason = "; the clocks of sender and receiver differ" if kind != HALVED else ""
@@ -104,11 +127,9 @@ def _Roles(table: Table, given: Mapping[str, Any]) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     has_delay = {"delay", "rtt", "received"} & set(given)
     for name in table.names:
-        key = ParseHeader(name).key
-        for role, form in _MEANINGS.items():
-            if re.fullmatch(form, key):
-                found.setdefault(role, []).append(name)
-                break
+        role = _Meant(table, name)
+        if role:
+            found.setdefault(role, []).append(name)
     for role, names in found.items():
         is_another_delay = role in ("delay", "rtt", "received") and has_delay
         if role in roles or is_another_delay:
@@ -122,13 +143,30 @@ def _Roles(table: Table, given: Mapping[str, Any]) -> dict[str, str]:
     return roles
 
 
+def _Meant(table: Table, name: str) -> str:
+    """Returns the role that a column's name means; empty: none."""
+    key = ParseHeader(name).key
+    found = (role for role, form in _MEANINGS.items() if re.fullmatch(form, key))
+    role = next(found, "")
+    if role in ("rtt", "delay") and re.fullmatch(_STATISTIC, key):
+        return ""
+    if role in ("received", "arrived") and not table.UnitOf(name):
+        texts = _Marks(table, name)
+        if (np.isin(texts, (*_YES, *_NO, *_WELL)) | AreLost(texts)).all():
+            return "arrived"
+    # The status of a line may be anything.
+    return "" if role == "arrived" else role
+
+
 def _Line(
-    roles: Mapping[str, str],
+    roles: Mapping[str, Any],
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """Returns the line of a scenario that would read a file with these columns."""
-    columns = ", ".join(f"{role}: {Show(name)}" for role, name in roles.items())
-    text = f"{{file: ..., columns: {{{columns}}}"
+    text = "{file: ..."
+    if roles:
+        columns = ", ".join(f"{role}: {Show(name)}" for role, name in roles.items())
+        text += f", columns: {{{columns}}}"
     if units:
         named = ", ".join(f"{role}: {unit}" for role, unit in units.items())
         text += f", units: {{{named}}}"
@@ -164,20 +202,22 @@ def _UnknownUnits(table: Table, time: str, delay: str) -> dict[str, str]:
     return units
 
 
-def _AskForUnit(table: Table, column: str, role: str) -> NoReturn:
+def _AskForUnit(table: Table, column: str, role: str, source: TableSource) -> NoReturn:
+    """Refuses a column whose unit is not known; the message has the line that tells."""
+    unit = table.UnitOf(column)
+    has = f"a unit of time, not {unit!r}" if unit else "a unit"
+    units = {**source.units, role: "s" if role == "time" else "ms"}
     raise ScenarioError(
-        f"{table.origin}: column {Show(column)}: must have a unit, in its header or as "
-        f"units: {{{role}: s}} (s, ms, us or ns)"
+        f"{table.origin}: columns {', '.join(map(Show, table.names))}: {Show(column)} "
+        f"must have {has}; {_Line(source.columns, units)}, with s, ms, us or ns"
     )
 
 
 def _Delays(table: Table, column: str, role: str, source: TableSource) -> Array:
     """Returns the delays of a column, s; NaN: lost."""
     unit = source.units.get(role) or table.UnitOf(column)
-    if not unit:
-        _AskForUnit(table, column, role)
-    where = f", in its header or as units: {{{role}: ms}}"
-    CheckTimeUnit(table.Place(column), unit, where)
+    if not IsTimeUnit(unit):
+        _AskForUnit(table, column, role, source)
     return table.Values(column, unit, minus_one_is_lost=True)
 
 
@@ -196,24 +236,37 @@ def _BetweenStamps(
             f"unit, not {' and '.join(map(Show, sorted(units)))}"
         )
     sent, received = (table.frame[column] for column in columns)
-    is_lost = AreLost(received.astype(str)) | (received.astype(str) == "NaT").to_numpy()
+    is_lost = AreLost(received.astype(str))
+    numbers = pandas.to_numeric(received, errors="coerce")
+    is_lost |= numbers.to_numpy(dtype=float, na_value=np.nan) == -1
     both = pandas.concat([sent, received[~is_lost]], ignore_index=True)
     lines = np.concatenate([table.lines, table.lines[~is_lost]])
     place = f"{table.origin}: columns {', '.join(map(Show, columns))}"
-    seconds = ReadTimes(both, units.pop(), place, lines).seconds
+    read = ReadTimes(both, units.pop(), place, lines)
+    seconds = read.seconds
     delays = np.full(len(sent), np.nan)
     delays[~is_lost] = seconds[len(sent) :] - seconds[: len(sent)][~is_lost]
+    if read.clock == DAY:  # One of both may be behind midnight.
+        delays = (delays + LENGTH_OF_DAY / 2) % LENGTH_OF_DAY - LENGTH_OF_DAY / 2
     return delays
 
 
-def _Flags(table: Table, column: str) -> Flags:
-    """Returns whether each packet is marked as lost."""
-    texts = table.frame[column].astype(str).str.strip().str.lower()
-    is_true = np.isin(texts, ("true", "1", "1.0", "yes", "lost", "t", "y"))
-    is_false = np.isin(texts, ("false", "0", "0.0", "no", "", "ok", "f", "n", "nan"))
-    is_bad = ~(is_true | is_false)
-    RefuseCell(table.Place(column), table.lines, texts, is_bad, "true or false")
-    return is_true
+def _Marks(table: Table, column: str) -> Array:
+    return np.array([str(x).strip().lower() for x in table.Texts(column)])
+
+
+def _AreLost(table: Table, role: str, column: str) -> Flags:
+    """Returns whether each packet is marked as lost, or is not as arrived."""
+    texts = _Marks(table, column)
+    if role == "lost":
+        is_lost = np.isin(texts, (*_YES, "lost"))
+        is_known = is_lost | np.isin(texts, (*_NO, "", "ok", "nan"))
+    else:
+        is_lost = np.isin(texts, _NO) | AreLost(texts)
+        is_known = is_lost | np.isin(texts, (*_YES, *_WELL))
+    cells = table.frame[column]
+    RefuseCell(table.Place(column), table.lines, cells, ~is_known, "true or false")
+    return is_lost
 
 
 def _WithGaps(

@@ -23,6 +23,7 @@ import numpy as np
 from teleop_drake.loops.framework.files import ReadBytes, ReadStart
 from teleop_drake.loops.framework.validation import ScenarioError, Show
 from teleop_drake.model.tables.arrays_of_files import ReadArrays
+from teleop_drake.model.tables.headers import UNITS, ParseHeader
 from teleop_drake.model.tables.split_stamps import JoinStamps
 from teleop_drake.model.tables.table import Table
 from teleop_drake.model.tables.text import SplitText
@@ -125,14 +126,21 @@ def OfText(text: str, origin: str) -> Table:
     names = [name or str(i + 1) for i, name in enumerate(names)]
     _CheckNames(names, origin)
     frame = pandas.DataFrame(cells.rows, columns=names, dtype=object)
-    frame, units = JoinStamps(frame)
+    frame, joined = JoinStamps(frame)
+    units = {names[i]: unit for i, unit in cells.units.items()} | joined
+    for name, unit in units.items():
+        named = ParseHeader(name).unit
+        if named and UNITS.get(named) != UNITS[unit]:
+            raise ScenarioError(
+                f"{origin}: column {name!r}: must have one unit, not {named} and {unit}"
+            )
     return Table(
         origin=origin,
         frame=frame,
         lines=np.array(cells.lines),
         has_header=bool(cells.header),
         comments=cells.comments,
-        units={names[i]: unit for i, unit in cells.units.items()} | units,
+        units=units,
     )
 
 
@@ -169,6 +177,8 @@ def OfFrame(frame: "pandas.DataFrame", origin: str) -> Table:
 
     if frame.empty:
         raise ScenarioError(f"{origin}: must have rows, and has none")
+    if any(name is not None for name in frame.index.names):
+        frame = frame.reset_index()
     columns: dict[str, Any] = {}
     names: list[str] = []
     for name, cells in frame.items():
@@ -179,7 +189,11 @@ def OfFrame(frame: "pandas.DataFrame", origin: str) -> Table:
     if not names:
         raise ScenarioError(f"{origin}: must have columns, and its rows are empty")
     _CheckNames(names, origin)
-    joined, units = JoinStamps(pandas.DataFrame(columns).reset_index(drop=True))
+    whole = pandas.DataFrame(columns).reset_index(drop=True).infer_objects()
+    joined, units = JoinStamps(whole)
+    for name in joined.select_dtypes("timedelta"):
+        joined[name] = joined[name].dt.total_seconds()
+        units[name] = "s"
     return Table(
         origin=origin,
         frame=joined,

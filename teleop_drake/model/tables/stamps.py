@@ -18,17 +18,28 @@ DATES = "date stamps"
 DAY = "time of day"
 SECONDS = "seconds"
 
-# Sizes of numbers that are times since 1970 between 1973 and 2286, by their unit. A
-# clock that began with a recording shows none of them for years.
-_SINCE_1970 = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}
-_LARGEST_RATIO = 100.0
+# Sizes of numbers that are times since 1970 between 1999 and 2104, by their unit.
+# Others, such as those of Windows since 1601, have none of them.
+_SINCE_1970 = {"s": 9.4e8, "ms": 9.4e11, "us": 9.4e14, "ns": 9.4e17}
+_LARGEST_RATIO = 4.5
+# Rows are nearer to each other than this on average, s. The ns since a computer began
+# have the size of ms since 1970 after a quarter of an hour, and seem far apart.
+_USUAL_STEP = 60.0
 
-_DAY = 86400.0
+# Times in a unit that is named are those of a date from this size on, s, and the
+# largest ones, s.
+_DATE = 1e8
+_LARGEST = 1e10
+
+LENGTH_OF_DAY = 86400.0
+"""The length of a day, s."""
+
 _TIME_OF_DAY = re.compile(
     r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?: ?([ap])\.?m\.?)?", re.I
 )
 _ISO = re.compile(
-    r"\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s?(Z|UTC|[+-]\d\d:?\d\d)?"
+    r"\d{4}[-/]\d\d[-/]\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?"
+    r"\s?(Z|UTC|[+-]\d\d(?::?\d\d)?)?"
 )
 
 
@@ -100,24 +111,31 @@ def _OfNumbers(values: "pandas.Series", numbers: Any, unit: str, place: str) -> 
         for x, size in _SINCE_1970.items()
         if size <= float(numbers.min()) and largest < size * _LARGEST_RATIO
     ]
+    span = (largest - float(numbers.min())) * UNITS[found[0]].factor if found else 0.0
+    is_dense = span <= _USUAL_STEP * len(numbers)
     if unit:
         CheckTimeUnit(place, unit)
         factor = UNITS[unit].factor
         in_seconds = largest * factor
-        if in_seconds >= _SINCE_1970["s"] * _LARGEST_RATIO:
+        if in_seconds >= _LARGEST:
             hint = f"; in {found[0]} they would be times since 1970" if found else ""
             raise ScenarioError(
                 f"{place}: times up to {largest:g} {unit}: must be shorter than 300 "
                 f"years{hint}"
             )
-        is_date = in_seconds >= _SINCE_1970["s"]
+        is_date = in_seconds >= _DATE
         clock = f"{unit} since 1970" if is_date else SECONDS
         seconds = _Differences(values, numbers) if is_date else numbers.astype(float)
         return Times(seconds * factor, clock, is_date, unit)
-    if found:
+    if found and is_dense:
         factor = UNITS[found[0]].factor
         differences = _Differences(values, numbers) * factor
         return Times(differences, f"{found[0]} since 1970", True, found[0])
+    if largest >= _DATE:
+        raise ScenarioError(
+            f"{place}: times up to {largest:g}: must have a unit, in the header or as "
+            "that of the time (s, ms, us or ns)"
+        )
     return Times(numbers.astype(float), SECONDS, False, None)
 
 
@@ -152,7 +170,7 @@ def _OfIsoTexts(texts: "pandas.Series", place: str, lines: Indices) -> Times:
     if not is_bad.any():
         clean = texts.str.replace("/", "-").str.replace(",", ".")
         clean = clean.str.replace(" ?UTC$", "Z", regex=True)
-        clean = clean.str.replace(r"\s(?=Z$|[+-]\d\d:?\d\d$)", "", regex=True)
+        clean = clean.str.replace(r"\s(?=Z$|[+-]\d\d(:?\d\d)?$)", "", regex=True)
         dates = pandas.to_datetime(clean, format="ISO8601", utc=True, errors="coerce")
         is_bad = dates.isna().to_numpy()
     if is_bad.any():
@@ -171,8 +189,8 @@ def _OfTimesOfDay(texts: "pandas.Series", place: str, lines: Indices) -> Times:
     if is_bad.any():
         RefuseCell(place, lines, texts, is_bad, "a time of day, 00:00:00 to 23:59:59")
     # A step back by more than half a day is midnight.
-    midnights = np.cumsum(np.diff(seconds) < -_DAY / 2)
-    days = np.concatenate([[0], midnights]) * _DAY
+    midnights = np.cumsum(np.diff(seconds) < -LENGTH_OF_DAY / 2)
+    days = np.concatenate([[0], midnights]) * LENGTH_OF_DAY
     return Times(seconds - seconds[0] + days, DAY, True, "")
 
 
@@ -190,6 +208,11 @@ def _SecondsOfDay(match: re.Match[str] | None) -> float:
     return hours * 3600.0 + minutes * 60.0 + seconds if is_allowed else np.nan
 
 
+def IsTimeUnit(unit: str) -> bool:
+    """Returns whether a unit is known and is one of times."""
+    return unit in UNITS and UNITS[unit].quantity == "time"
+
+
 def CheckTimeUnit(place: str, unit: str, where: str = "") -> None:
     """Refuses a unit that is not one of times.
 
@@ -197,7 +220,7 @@ def CheckTimeUnit(place: str, unit: str, where: str = "") -> None:
         place: The file and the column, for messages.
         where: The end of the message: where the unit must stand.
     """
-    if unit not in UNITS or UNITS[unit].quantity != "time":
+    if not IsTimeUnit(unit):
         raise ScenarioError(
             f"{place}: unit {Show(unit)}: must be one of s, ms, us, ns{where}"
         )

@@ -99,7 +99,8 @@ class Table:
                 f"units: {', '.join(UNITS)}"
             )
         numbers = pandas.to_numeric(cells, errors="coerce")
-        if not pandas.api.types.is_numeric_dtype(numbers.dtype):
+        # pandas makes numbers of dates as well.
+        if numbers.dtype.kind not in "iuf" or cells.dtype.kind in "bM":
             raise ScenarioError(f"{self.Place(column)}: must have numbers")
         values: Array = numbers.to_numpy(dtype=float, na_value=np.nan)
         if pandas.api.types.is_numeric_dtype(cells.dtype):

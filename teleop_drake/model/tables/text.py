@@ -23,6 +23,10 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
 _COMMA_NUMBER = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 _POINT_NUMBER = re.compile(r"[+-]?\d*\.\d+(e[+-]?\d+)?", re.IGNORECASE)
 # A date or a time of day.
+# `1,234` in a table that commas divide may be one or a thousand.
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+# Excel's first line that tells the separator.
+_TELLS_SEPARATOR = re.compile(r"sep=.", re.IGNORECASE)
 _STAMP = re.compile(r"\d{1,4}[-/.:]\d{1,2}[-/.:]\d")
 
 
@@ -63,7 +67,7 @@ def SplitText(text: str, origin: str) -> Cells:
         if stripped[:1] in ("#", "%"):
             comments.append(stripped[1:].strip())
             last_comment = last_comment if texts else comments[-1]
-        elif stripped:
+        elif stripped and not (number == 1 and _TELLS_SEPARATOR.fullmatch(stripped)):
             lines.append(number)
             texts.append(line)
     if not texts:
@@ -83,7 +87,7 @@ def SplitText(text: str, origin: str) -> Cells:
     if units:
         del rows[0]
         del lines[0]
-    _ReplaceDecimalComma(rows, separator)
+    _ReplaceDecimalComma(rows, separator, origin)
     return Cells(header=header, rows=rows, lines=lines, comments=comments, units=units)
 
 
@@ -119,6 +123,9 @@ def _FindSeparator(lines: Sequence[str]) -> str:
         return next(iter(consistent))
     if has_blanks:
         return " "
+    wide = {len(row) for row in _SplitLines(lines, "  ")}
+    if len(wide) == 1 and wide != {1}:
+        return "  "
     # No separator fits every line: the one of most lines, so that a message names the
     # line that it does not fit.
     counts = {x: sum(x in line for line in lines) for x in _SEPARATORS}
@@ -131,6 +138,8 @@ def _SplitLines(lines: Sequence[str], separator: str) -> list[list[str]]:
         return [
             [x.strip('"') for x in re.findall(r'"[^"]*"|\S+', line)] for line in lines
         ]
+    if separator == "  ":  # `Time [s]   RTT [ms]`
+        return [re.split(r"\s{2,}", line.strip()) for line in lines]
     return [[cell.strip() for cell in _SplitLine(x, separator)] for x in lines]
 
 
@@ -139,7 +148,9 @@ def _SplitLine(line: str, separator: str) -> list[str]:
     if '"' not in line:
         return line.split(separator)
     try:
-        (row,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+        (row,) = csv.reader(
+            [line], delimiter=separator, skipinitialspace=True, strict=True
+        )
     except (csv.Error, ValueError):
         return line.split(separator)
     return row
@@ -174,17 +185,30 @@ def _UnitsRow(rows: Sequence[Sequence[str]], header: Sequence[str]) -> dict[int,
     return units if units and all(x in UNITS for x in units.values()) else {}
 
 
-def _ReplaceDecimalComma(rows: Sequence[list[str]], separator: str) -> None:
-    """Replaces the decimal comma, in place, if the text has one and no point."""
-    has_comma = False
+def _ReplaceDecimalComma(
+    rows: Sequence[list[str]], separator: str, origin: str
+) -> None:
+    """Replaces the decimal comma, in place, if the text has one and no point.
+
+    Raises:
+        ScenarioError: If it may be a comma between thousands, as where no semicolons
+            divide the columns and each number has three digits behind its comma.
+    """
+    with_comma = []
     for row in rows:
         for cell in row:
             if "," in cell and _COMMA_NUMBER.fullmatch(cell):
-                has_comma = True
+                with_comma.append(cell)
             elif "." in cell and _POINT_NUMBER.fullmatch(cell):
                 return
-    if not has_comma:
+    if not with_comma:
         return
+    if separator != ";" and all(map(_THOUSANDS.fullmatch, with_comma)):
+        whole = with_comma[0].replace(",", "")
+        raise ScenarioError(
+            f"{origin}: {Show(with_comma[0])}: must be clear, and may be {whole} or "
+            f"{with_comma[0].replace(',', '.')}; write it without a comma"
+        )
     for row in rows:
         for i, cell in enumerate(row):
             if _COMMA_NUMBER.fullmatch(cell):

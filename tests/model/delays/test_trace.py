@@ -28,7 +28,7 @@ def test_a_trace_that_cannot_be_read_names_its_channel(tmp_path):
     with pytest.raises(ScenarioError) as e:
         LoadScenario("one_dof", [override])
     assert str(e.value).startswith("forward_channel.trace = ")
-    assert "column 'time': must have a unit" in str(e.value)
+    assert "'time' must have a unit" in str(e.value)
 
 
 @pytest.mark.parametrize(

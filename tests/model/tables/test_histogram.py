@@ -72,6 +72,9 @@ def test_where_there_are_no_packets_it_is_refused(tmp_path):
         channel.Check("forward_channel", 20.0)
     with pytest.raises(ScenarioError, match="must have a column of times"):
         ReadPackets("trace", file)
+    file = write(tmp_path, "delay_ms,cumulative_count\n10,2\n20,5\n")
+    with pytest.raises(ScenarioError, match="must have the time when a packet"):
+        ReadMeasured("trace", file)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,8 @@ VELOCITIES = {
     "without units": "t,v\n0,0.001\n0.5,0.002\n",
     "a header that is quoted": '"time","v"\n0,0.001\n0.5,0.002\n',
     "ms and mm/s": "Time [ms],v [mm/s]\n0,1\n500,2\n",
+    "units in words": "t (s),velocity (mm/sec)\n0,1\n0.5,2\n",
+    "units with powers": "t [s],v [mm·s⁻¹]\n0,1\n0.5,2\n",
     "units behind _": "t_ms,v_mm_s\n0,1\n500,2\n",
     "blanks and decimal commas": "time_s vel_mm_s\n0,0 1\n0,5 2\n",
     "UNIX stamps": "stamp,speed_m_s\n1700000000.0,0.001\n1700000000.5,0.002\n",
@@ -62,6 +64,15 @@ def test_a_column_an_axis(tmp_path):
     assert read(tmp_path, text, 2, columns=columns).velocities[0].tolist() == [2, 1]
     columns = {"time": 1, "velocity": "field.linear.z"}
     assert read(tmp_path, text, 1, columns=columns).velocities[0].tolist() == [3]
+
+
+def test_orientations_are_left_out(tmp_path):
+    names = [f"pose.position.{x}" for x in "xyz"]
+    names += [f"pose.orientation.{x}" for x in "xyzw"]
+    text = f"t,{','.join(names)}\n0,0,0,0,0,0,0,1\n0.5,1,2,3,0,0,0,1\n"
+    motion = read(tmp_path, text, 3)
+    assert motion.velocities[0].tolist() == pytest.approx([2, 4, 6])
+    assert "angular columns left out" in motion.summary
 
 
 def test_a_file_with_positions_and_velocities_has_velocities(tmp_path):
@@ -161,7 +172,17 @@ BAD = [
     ("0,1\n1,2,3\n", {}, "line 2, '1,2,3': must have 2 cells, and has 3"),
     ("0,1\n1,x\n", {}, "column '2': line 2, 'x': must be a finite number"),
     ("-1,1\n1,1\n", {}, "must begin at a time >= 0 (s)"),
-    ("t,v [kn]\n0,1\n1,1\n", {}, "column 'v [kn]': unit 'kn': must be one of m/s, m_s"),
+    ("t,v [kn]\n0,1\n1,1\n", {}, "column 'v [kn]': unit 'kn': must be one of m/s, cm"),
+    (
+        "t,v (km/h)\n0,1\n1,1\n",
+        {},
+        "unit 'km/h': must be one of m/s, cm/s, mm/s, um/s,",
+    ),
+    (
+        "t,v\n2e12,1\n2.1e12,1\n",
+        {},
+        "column 't': times up to 2.1e+12: must have a unit",
+    ),
     ("t,v_mm\n0,1\n1,1\n", {"quantity": "velocity"}, "unit 'mm': must be one of m/s"),
     (
         "t,a,b\n0,1,2\n1,1,2\n",

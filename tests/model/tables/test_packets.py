@@ -61,6 +61,20 @@ DIALECTS = {
     "sent and received as dates": "tx,rx\n"
     "2030-05-27T10:00:00Z,2030-05-27T10:00:00.020Z\n"
     "2030-05-27T10:00:00.1Z,NA\n2030-05-27T10:00:00.2Z,2030-05-27T10:00:00.230Z\n",
+    "received, with -1": f"sent_ns,received_ns\n{NS},{NS + 20_000_000}\n"
+    f"{NS + 10**8},-1\n{NS + 2 * 10**8},{NS + 230_000_000}\n",
+    "sent and received around midnight": "sent,received\n"
+    "23:59:59.9,23:59:59.92\n00:00:00,NA\n00:00:00.1,00:00:00.13\n",
+    "zones of hours": "time,rtt_ms\n2030-05-27 10:59:59.9+02,40\n"
+    "2030-05-27 11:00:00+02,lost\n2030-05-27 11:00:00.1+02,60\n",
+    "Excel's separator and word": "sep=;\ntime_s;rtt_ms\n0,0;40\n0,1;#N/A\n0,2;60\n",
+    "blanks in names": "Time [s]  RTT [ms]\n0  40\n0.1  nan\n0.2  60\n",
+    "capital letters": "TIME_S,RTT_MS\n0,40\n0.1,NA\n0.2,60\n",
+    "a column of answers": "time_ms,rtt_ms,ok\n0,40,1\n100,0,0\n200,60,1\n",
+    "received or not": "time_ms,rtt_ms,received\n0,40,yes\n100,0,no\n200,60,yes\n",
+    "a status": "time_ms,rtt_ms,status\n0,40,ok\n100,9999,timeout\n200,60,ok\n",
+    "a status of something else": "time_ms,rtt_ms,status\n0,40,LTE\n100,NA,-\n"
+    "200,60,LTE\n",
     "numbers with a gap": "seq,time_ms,rtt_ms\n65535,0,40\n1,200,60\n",
     "a column of losses": "time_ms,rtt_ms,lost\n0,40,false\n100,0,true\n200,60,false\n",
     "JSON": json.dumps(
@@ -112,13 +126,28 @@ def test_packets_of_one_instant_stay_apart(tmp_path):
     check(read(tmp_path, text), [0, 0, 0.01], [0.0412, 0.0413, 0.0408])
 
 
+def Pair(name, is_nominated, i, rtt):
+    """A record of WebRTC, of the pair of addresses in use or of another one."""
+    return {
+        "id": name,
+        "nominated": is_nominated,
+        "timestamp": 1.7e12 + 1e3 * i,
+        "currentRoundTripTime": rtt,
+    }
+
+
+def Iperf(*round_trips, **fields):
+    """Intervals of iperf3 with round trips in us."""
+    return [
+        {"streams": [{"start": i, "end": i + 1, "rtt": rtt, **fields}]}
+        for i, rtt in enumerate(round_trips)
+    ]
+
+
 REPORTS = [
-    {
-        "intervals": [
-            {"streams": [{"start": i, "end": i + 1, "rtt": 40_000 + 20_000 * i}]}
-            for i in range(2)
-        ]
-    },
+    {"intervals": Iperf(40_000, 60_000)},
+    {"intervals": Iperf(9, 9, omitted=True) + Iperf(40_000, 60_000, omitted=False)},
+    [[Pair("a", True, i, 0.04 + 0.02 * i), Pair("b", False, i, 9)] for i in range(2)],
     [
         [
             {"type": "codec", "timestamp": 1e12 + 1e3 * i},
@@ -133,7 +162,9 @@ REPORTS = [
 ]
 
 
-@pytest.mark.parametrize("report", REPORTS, ids=["iperf3", "WebRTC"])
+@pytest.mark.parametrize(
+    "report", REPORTS, ids=["iperf3", "iperf3 -O", "WebRTC, two pairs", "WebRTC"]
+)
 def test_the_json_of_a_tool(report, tmp_path):
     check(read(tmp_path, json.dumps(report)), [0, 1], [0.02, 0.03])
 
@@ -159,11 +190,32 @@ UNCLEAR = [
     # What is not told is asked for, with the line that tells it.
     (
         "time,delay_ms\n0,1\n1,1\n",
-        "column 'time': must have a unit, in its header or as units: {time: s}",
+        "columns 'time', 'delay_ms': 'time' must have a unit; write {file: ..., units: "
+        "{time: s}}, with s, ms, us or ns",
     ),
-    ("time_s,rtt\n0,1\n1,1\n", "column 'rtt': must have a unit, in its header or as "),
-    ("time_s,rtt [furlong]\n0,1\n1,1\n", "unit 'furlong': must be one of s, ms, us"),
-    ("time_s,delay_m\n0,1\n1,1\n", "unit 'm': must be one of s, ms, us, ns"),
+    (
+        "time_s,rtt\n0,1\n1,1\n",
+        "'time_s', 'rtt': 'rtt' must have a unit; write {file: ..., units: {rtt: ms}}",
+    ),
+    (
+        "time_s,rtt [furlong]\n0,1\n1,1\n",
+        "'rtt [furlong]' must have a unit of time, not 'furlong'; write {file: ..., un",
+    ),
+    ("time_s,delay_m\n0,1\n1,1\n", "'delay_m' must have a unit of time, not 'm'; wr"),
+    ("time [min],rtt_ms\n0,1\n1,1\n", "'time [min]' must have a unit of time, not "),
+    ("time_s,rtt (1/min)\n0,1\n1,1\n", "must have a unit of time, not '1/min'; wri"),
+    ("time_s,rtt_std_ms\n0,1\n1,1\n", "must have a delay (delay, rtt or received); "),
+    ("time_s,max_delay_ms\n0,1\n1,1\n", "must have a delay (delay, rtt or received"),
+    (
+        "sent,received\n1700000000000,1700000000000000\n1700000000009,1\n",
+        "columns 'sent', 'received': times up to 1.7e+15: must have a unit, in the",
+    ),
+    # Clocks that are none since 1970: of a computer's start, and of Windows.
+    ("t,rtt_ms\n2000000000000,1\n2000100000000,1\n", "times up to 2.0001e+12: must "),
+    ("t,rtt_ms\n133444736000000000,1\n133444736001000000,1\n", "must have a unit, in"),
+    ("time;rtt_ms\n[s];[us]\n0;1\n1;1\n", "must have one unit, not ms and us"),
+    ('time_s,rtt_us\n"0","1,234"\n"1","2,345"\n', "'1,234': must be clear, and may "),
+    ('time_s,rtt_ms\n0,"4\n1,5\n', "line 2, '\"4': must be a finite number"),
     (
         "time_s,latency_ms\n0,1\n1,1\n",
         "'latency_ms' may be one way or there and back; write {file: ..., columns: "
@@ -227,6 +279,11 @@ UNCLEAR = [
     ("seq,time_s,rtt_ms\n1,0,1\n900,1,1\n", "packet numbers: must have fewer gaps"),
     ('{"round_trips": []}', "must have delays of packets: irtt client"),
     ('{"intervals": [{"streams": [{}]}]}', "iperf3 has round trips only of TCP"),
+    (json.dumps({"intervals": Iperf(0, 0)}), "rtt: must be >= 0, and not always 0"),
+    (
+        json.dumps([[Pair(name, True, i, 0.1) for name in "ab"] for i in range(2)]),
+        "candidate pairs a, b: must have one at a time that is nominated",
+    ),
     ("{}", "must be a list of records, or named lists of one length"),
     ("[1, 2]", "must be a list of records, or named lists of one length"),
 ]

@@ -1,9 +1,11 @@
 """Files of each format as tables, and what of them is refused."""
 
+import datetime
 import sys
 
 import h5py
 import numpy as np
+import openpyxl
 import pandas
 import pytest
 from scipy.io import savemat
@@ -77,6 +79,48 @@ def test_a_column_of_vectors_is_several_columns(tmp_path, monkeypatch):
     (tmp_path / "a.parquet").write_bytes(b"")
     motion = ReadMotion("surgeon.file", str(tmp_path / "a.parquet"), 2)
     assert motion.velocities.tolist() == [[1, -t] for t in TIMES]
+
+
+def ReadFrame(monkeypatch, tmp_path, frame):
+    monkeypatch.setattr(pandas, "read_parquet", lambda file: frame)
+    (tmp_path / "a.parquet").write_bytes(b"")
+    return ReadPackets("trace", str(tmp_path / "a.parquet"))
+
+
+def test_durations_and_an_index_are_columns(tmp_path, monkeypatch):
+    """pandas writes such columns into Parquet; both have no unit in their names."""
+    rtt = pandas.to_timedelta([40, np.nan, 60], unit="ms")
+    index = pandas.to_timedelta([0, 100, 200], unit="ms").rename("time")
+    packets = ReadFrame(monkeypatch, tmp_path, pandas.DataFrame({"rtt": rtt}, index))
+    assert packets.times.tolist() == pytest.approx([0, 0.1, 0.2])
+    np.testing.assert_allclose(packets.delays, [0.02, np.nan, 0.03])
+
+
+def test_elapsed_times_of_excel(tmp_path):
+    book = openpyxl.Workbook()
+    book.active.append(["time", "v"])
+    for i in range(3):
+        book.active.append([datetime.timedelta(seconds=30 * i), 0.1 * i])
+    book.save(tmp_path / "a.xlsx")
+    motion = ReadMotion("surgeon.file", str(tmp_path / "a.xlsx"), 1)
+    assert motion.times.tolist() == [0, 30, 60]
+
+
+@pytest.mark.parametrize(
+    "cells", [[True, False, True], list(pandas.date_range("2030-05-27", periods=3))]
+)
+def test_dates_and_marks_are_no_numbers(cells, tmp_path, monkeypatch):
+    frame = pandas.DataFrame({"time_s": [0, 1, 2], "rtt_ms": cells})
+    with pytest.raises(ScenarioError, match="column 'rtt_ms': must have numbers"):
+        ReadFrame(monkeypatch, tmp_path, frame)
+
+
+def test_missing_stamps_of_whole_numbers(tmp_path, monkeypatch):
+    sent = 1_700_000_000_000_000_000 + np.arange(3) * 10**8
+    received = pandas.array([*(sent[:2] + 20_000_000), None], dtype="Int64")
+    frame = pandas.DataFrame({"sent_ns": sent, "received_ns": received})
+    packets = ReadFrame(monkeypatch, tmp_path, frame)
+    np.testing.assert_allclose(packets.delays, [0.02, 0.02, np.nan])
 
 
 @pytest.mark.parametrize(
