@@ -238,7 +238,7 @@ def _Spread(latency: "Latency") -> list[str]:
 
 def _Losses(latency: "Latency") -> str:
     if latency.losses is None or latency.hidden is None:
-        return "The response holds no value, so that losses are unknown"
+        return "The response does not tell single packets, so that losses are unknown"
     most = f"{100 * latency.losses:.3g} %"
     if latency.hidden < _VISIBLE * latency.losses or latency.losses == 0:
         return f"Lost or too late {most}"

@@ -36,6 +36,9 @@ _SPELLINGS = {"sec": "s", "msec": "ms", "usec": "us", "nsec": "ns"}
 _TIME = re.compile(r"([0-9.]+(?:e-?[0-9]+)?)(s|ms|us|ns|sec|msec|usec|nsec)s?")
 _PERCENT = re.compile(r"([0-9.]+(?:e-?[0-9]+)?)%?")
 
+# What names the place of a queue in what tc prints; most have a value.
+_PLACES = ("dev", "root", "parent", "refcnt")
+
 # netem stores jitter as a signed number of 32 bits.
 _MOST_JITTER = 2**31 - 1
 
@@ -249,8 +252,8 @@ def _SkipCommand(words: _Words) -> None:
     words.TakeIf("netem")
     if words.Next().endswith(":"):
         words.Take()
-    while words.TakeIf("root", "parent", "refcnt"):
-        if words.Next()[:1].isdecimal():
+    while words.TakeIf(*_PLACES):
+        if words.Next() and words.Next() not in (*_READERS, *_NOT_READ, *_PLACES):
             words.Take()
 
 

@@ -165,11 +165,16 @@ class ChannelConfig(KindConfig, ABC):
             The options, and what netem cannot do of the channel, in words.
         """
         period = self.PacketPeriod()
+        missing = [
+            f"the older field {name}, which the sender has to delay by {x['delay']:g} s"
+            for name, x in self.fields.items()
+            if x["delay"] > 0
+        ]
         if period == math.inf:
-            return Netem(delay=round(1e9 * self.delay)), []
+            return Netem(delay=round(1e9 * self.delay)), missing
         limit = max(1000, math.ceil(_ROOM * self.delay / period))
-        missing = f"a packet every {period:g} s, which the sender has to send"
-        return Netem(delay=round(1e9 * self.delay), limit=limit), [missing]
+        missing.append(f"a packet every {period:g} s, which the sender has to send")
+        return Netem(delay=round(1e9 * self.delay), limit=limit), missing
 
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns the arrival times of signals sent at given times, s; lost: infinity.

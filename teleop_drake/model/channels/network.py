@@ -223,9 +223,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def AsNetem(self, duration: float) -> tuple[Netem, list[str]]:
         """Returns options of netem for the network; see ChannelConfig."""
         like, missing = super().AsNetem(duration)
-        if self.netem is not None:
-            own = ParseNetem("netem", self.netem)
-            return replace(own, delay=like.delay), missing
         jitter = self.jitter
         names = {"uniform": "uniform", "normal": "normal", "gamma": "normal"}
         width = math.sqrt(3) if jitter.kind == "uniform" else 1.0
@@ -242,6 +239,12 @@ class NetworkChannelConfig(VaryingDelayConfig):
             f"the receiver, {self.receiver.policy}": self.receiver.policy != "newest",
         }
         missing += [name for name, is_lacking in lacks.items() if is_lacking]
+        lost = self._TraceLoss(duration)
+        if lost > 0:
+            missing.append(f"the losses of the trace, {100 * lost:.3g} % of packets")
+        if self.netem is not None:
+            own = ParseNetem("netem", self.netem)
+            return replace(own, delay=like.delay), missing
         options = replace(
             like,
             jitter=round(1e9 * width * jitter.std),
@@ -250,6 +253,14 @@ class NetworkChannelConfig(VaryingDelayConfig):
             duplicate=Chance(share=self.duplicates),
         )
         return options, missing
+
+    def _TraceLoss(self, duration: float) -> float:
+        """Returns the share of packets that the trace loses."""
+        if self.trace is None:
+            return 0.0
+        _, trace = self.Read(duration)
+        sent = np.arange(math.ceil(duration / self.sample_period)) * self.sample_period
+        return float(trace.IsLost(sent).mean()) if trace is not None else 0.0
 
     def _NetemLoss(self) -> Chance | GilbertElliott:
         loss = self.loss

@@ -46,6 +46,9 @@ LINES = {
     "qdisc netem 8001: root refcnt 2 limit 1000 delay 3.0ms  1.0ms": Netem(
         delay=3 * MS, jitter=MS
     ),
+    "qdisc netem 8001: dev eth0 root refcnt 2 limit 1000 delay 3ms": Netem(
+        delay=3 * MS
+    ),
     "netem loss gemodel p 1% r 20% 1-h 100% 1-k 0%": Netem(
         loss=GilbertElliott(to_bad=0.01, to_good=0.2)
     ),
@@ -147,6 +150,16 @@ LIKE = [
         ["a packet every 0.01 s"],
     ),
     (
+        [*NETWORK, "netem=delay 100ms", "receiver={policy: playout, depth: 0.01}"],
+        "delay 100ms",
+        ["a packet every 0.01 s", "the receiver, playout"],
+    ),
+    (
+        ["fields={force: {delay: 0.02}, velocity: {delay: 0.0}}"],
+        "delay 100ms",
+        ["the older field force, which the sender has to delay by 0.02 s"],
+    ),
+    (
         ["kind=variable", "sinusoid={amplitude: 0.01, frequency: 3}", "drift=0.001"],
         # The mean over 25 s: 0.1 + 0.0125 + 0.01 (1 - cos 75)/75.
         "delay 112.510433ms",
@@ -160,11 +173,25 @@ LIKE = [
 ]
 
 
-@pytest.mark.parametrize(("overrides", "line", "lacks"), LIKE)
-def test_show_prints_the_line_and_what_it_lacks(overrides, line, lacks, capsys):
-    command, missing = Shown(capsys, *overrides, "delay=0.1")
+def CheckShown(shown, line, lacks):
+    command, missing = shown
     assert command == line
     assert len(missing) == len(lacks)
     for found, expected in zip(missing, lacks, strict=True):
         assert found.startswith("# not in netem: ")
         assert expected in found
+
+
+@pytest.mark.parametrize(("overrides", "line", "lacks"), LIKE)
+def test_show_prints_the_line_and_what_it_lacks(overrides, line, lacks, capsys):
+    CheckShown(Shown(capsys, *overrides, "delay=0.1"), line, lacks)
+
+
+def test_losses_of_a_trace_are_named(tmp_path, capsys):
+    """The second of its entries stands for 10 s of 25 s."""
+    trace = tmp_path / "trace.csv"
+    trace.write_text("time_s,delay_ms\n0,10\n10,NA\n20,10\n30,10\n")
+    shown = Shown(capsys, *NETWORK, "delay=0.1", f"trace={trace}")
+    varies = "a delay that varies with time (trace)"
+    lacks = ["a packet", varies, "the losses of the trace, 40 % of packets"]
+    CheckShown(shown, "delay 110ms", lacks)
