@@ -86,8 +86,8 @@ class Latency:
         hidden: The most of this share that may have been replaced within one row.
         course: The dead time over the record.
         explained: The share of the response's variance that the command explains.
-        search: Dead times in s, and the root mean square error of the best fit with
-            each (2, K).
+        search: Dead times in s, and the least root mean square error that was found
+            with each (2, K).
         pair: The record.
         found: The fits.
     """
@@ -266,7 +266,12 @@ def _Reason(pair: SignalPair, found: DeadTime, intervals: Sequence[Interval]) ->
     """Returns why the record cannot tell the dead time, empty if it can."""
     for name, signal in (("command", pair.command), ("response", pair.y)):
         if np.ptp(signal) == 0:
-            return f"the {name} never changes"
+            part = ""
+            if name == "response" and np.ptp(pair.response) > 0:
+                part = (
+                    f" after {pair.maximum:.4g} s, from which on it is used (--maximum)"
+                )
+            return f"the {name} never changes{part}"
     is_clear = found.explained * found.num_pairs > _FOLLOWS
     if found.explained < _FOLLOWS_SHARE and not is_clear:
         return "the response does not follow the command"
@@ -276,7 +281,8 @@ def _Reason(pair: SignalPair, found: DeadTime, intervals: Sequence[Interval]) ->
     if high >= pair.maximum:
         return f"{same}, and larger ones are not considered (--maximum)"
     if len(intervals) > 1:
-        return f"{same}, as with a command that repeats"
+        like = "has few jumps" if pair.is_stepwise else "repeats"
+        return f"{same}, as with a command that {like}"
     if high - low > pair.maximum / 2:
         return f"{same}, as with a ramp or with a sine"
     return ""

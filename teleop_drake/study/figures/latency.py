@@ -31,8 +31,7 @@ _BAND_STYLE: Look = {"color": COLORS[1], "alpha": 0.2, "linewidth": 0}
 def PlotLatency(latency: Latency) -> Figure:
     """Plots the signals with the fit, the dead time over the record, and the interval.
 
-    The last panel shows the error of the best fit with each dead time, of the first
-    search: what explains the record as well as the best is not refuted.
+    The last panel shows the least error that was found with each dead time.
 
     Args:
         latency: As EstimateLatency() returns it.

@@ -59,8 +59,16 @@ class _Coarse(NamedTuple):
         return least, [self.lags[members[i]] for i in chosen]
 
 
-def _search(pair: SignalPair, orders: Sequence[int]) -> _Coarse:
-    """Returns the sum of squares of all dead times on a grid, for a family of lags."""
+def _search(
+    pair: SignalPair, orders: Sequence[int], known: Sequence[Lag] = ()
+) -> _Coarse:
+    """Returns the sum of squares of all dead times on a grid, for a family of lags.
+
+    Args:
+        pair: The record.
+        orders: The orders of the lags of the family.
+        known: Further lags.
+    """
     from scipy.signal import fftconvolve
 
     span = 2 * pair.half
@@ -76,7 +84,7 @@ def _search(pair: SignalPair, orders: Sequence[int]) -> _Coarse:
     kept = y[most:] - y[most:].mean()
     num = len(kept)
     taus = np.geomspace(2 * step, max(span / 8, 4 * step), _NUM_TIMES)
-    lags = [Lag()] * (0 in orders)
+    lags = [*known, *[Lag()] * (0 in orders)]
     lags += [Lag(1, float(tau)) for tau in taus if 1 in orders]
     lags += [Lag(2, float(x), d) for x in taus for d in _DAMPINGS if 2 in orders]
     squares = []
@@ -122,8 +130,8 @@ class DeadTime:
         explained: The share of the response's variance that the command explains.
         intervals: The dead times that no allowed order refutes, s, ascending and
             disjoint.
-        search: Dead times in s, and the root mean square error of the best fit of the
-            first search with each (2, K).
+        search: Dead times in s, and the least root mean square error that was found
+            with each (2, K).
     """
 
     order: int
@@ -185,6 +193,9 @@ def find_dead_time(pair: SignalPair, orders: Sequence[int] = (0, 1, 2)) -> DeadT
         order: LagFit(fit, _not_refuted(pair, coarse, fit, limit))
         for order, fit in best.items()
     }
+    # The first search does not have the lag of the fit, which explains more.
+    searched = [coarse.squares, _search(pair, (), [best[chosen].lag]).squares]
+    least = np.concatenate(searched).min(axis=0)
     delay = best[chosen].delay
     every = [x for fit in fits.values() for x in fit.intervals]
     return DeadTime(
@@ -194,9 +205,7 @@ def find_dead_time(pair: SignalPair, orders: Sequence[int] = (0, 1, 2)) -> DeadT
         num_pairs=common_count(pair.delayed(best[chosen]), pair.y),
         explained=explained if variance > 0 else 0.0,
         intervals=_merged([*every, (delay, delay)], pair.row_step),
-        search=np.stack(
-            [coarse.delays, np.sqrt(coarse.squares.min(axis=0) / len(pair.y))]
-        ),
+        search=np.stack([coarse.delays, np.sqrt(least / len(pair.y))]),
     )
 
 

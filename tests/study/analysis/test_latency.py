@@ -77,6 +77,8 @@ def test_dead_time_and_lag_are_told_apart(lag, noise):
         assert latency.lag.time == pytest.approx(expected, rel=0.01 + 0.5 * noise)
     if lag == "second":
         assert latency.lag.damping == pytest.approx(0.5, rel=0.01 + noise)
+    delays, errors = latency.search
+    assert delays[errors.argmin()] == pytest.approx(latency.delay, abs=H)
 
 
 def test_a_lag_that_is_not_allowed_goes_into_the_delay():
@@ -184,6 +186,12 @@ UNKNOWN = {
     "sine": (np.sin(3 * TIME), np.sin(3 * (TIME - DELAY)), "explain the record"),
     "constant": (0 * TIME, Noise(), "the command never changes"),
     "dead": (COMMAND, 0 * TIME, "the response never changes"),
+    "early": (TIME > 1.0, TIME > 1.0 + DELAY, "the response never changes after 2.99"),
+    "one jump": (
+        TIME > 6.0,
+        TIME > 6.0 + DELAY,
+        "as with a command that has few jumps",
+    ),
     "unrelated": (COMMAND, Noise(), "the response does not follow the command"),
 }
 
