@@ -188,8 +188,8 @@ UNKNOWN = {
     "dead": (COMMAND, 0 * TIME, "the response never changes"),
     "early": (TIME > 1.0, TIME > 1.0 + DELAY, "the response never changes after 2.99"),
     "one jump": (
-        TIME > 6.0,
-        TIME > 6.0 + DELAY,
+        TIME > 4.0,
+        TIME > 4.0 + DELAY,
         "as with a command that has few jumps",
     ),
     "unrelated": (COMMAND, Noise(), "the response does not follow the command"),
