@@ -54,6 +54,9 @@ REPORTS = (
 )
 """The tools whose JSON is read."""
 
+# Larger than any time in ns. JSON has whole numbers that no float has.
+_LARGEST = 1e30
+
 # A tool that has no delays of packets, and what it must be asked for instead.
 _HINTS = {
     "intervals": "iperf3 has round trips only of TCP, at the sender: iperf3 -c HOST -J",
@@ -134,7 +137,7 @@ def _Delay(report: Report, record: Any) -> float:
 
 def _Number(value: Any) -> float:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return value if is_number else math.nan
+    return value if is_number and abs(value) < _LARGEST else math.nan
 
 
 def _First(contents: Any, path: str) -> Any:

@@ -252,7 +252,7 @@ def _BetweenStamps(
 
 
 def _Marks(table: Table, column: str) -> Array:
-    return np.array([str(x).strip().lower() for x in table.Texts(column)])
+    return np.array([x.strip().lower() for x in table.Texts(column)])
 
 
 def _AreLost(table: Table, role: str, column: str) -> Flags:

@@ -35,7 +35,10 @@ _RULE = re.compile(r"\s*---")
 _DURATION = re.compile(r"(\d+)\s?(?:ms\b|мс\b|ミリ秒|毫秒)")
 _MEANS = (
     # rtt min/avg/max/mdev = 12.1/13.2/14.3/0.5 ms
-    re.compile(r".*=\s*[\d.,]+/([\d.,]+)/[\d.,]+(?:/[\d.,]+)*(?:\s*(ms|мс|us|s)\b)?"),
+    re.compile(
+        r".*=\s*[\d.,]+/(\d+(?:[.,]\d+)?)/[\d.,]+(?:/[\d.,]+)*"
+        r"(?:\s*(ms|мс|us|s)\b)?"
+    ),
     # Minimum = 1ms, Maximum = 2ms, Average = 1ms
     re.compile(r"[^=]*=\s*\d+\D[^=]*=\s*\d+\D[^=]*=\s*(\d+)()\D"),
 )

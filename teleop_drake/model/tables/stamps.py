@@ -85,7 +85,7 @@ def ReadTimes(values: "pandas.Series", unit: str, place: str, lines: Indices) ->
     numbers = pandas.to_numeric(values, errors="coerce")
     if np.isfinite(numbers.to_numpy(dtype=float, na_value=np.nan)).all():
         return _OfNumbers(values, numbers.to_numpy(), unit, place)
-    texts = values.astype(str).str.strip()
+    texts = values.map(str).str.strip()
     first = texts.iloc[0]
     if _TIME_OF_DAY.fullmatch(first):
         return _OfTimesOfDay(texts, place, lines)

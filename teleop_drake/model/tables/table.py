@@ -71,7 +71,7 @@ class Table:
 
     def Texts(self, column: str) -> Array:
         """Returns the cells of a column as texts (N)."""
-        return self.frame[column].astype(str).to_numpy(dtype=object)
+        return self.frame[column].map(str).to_numpy(dtype=object)
 
     def Values(
         self, column: str, unit: str | None = None, *, minus_one_is_lost: bool = False

@@ -87,6 +87,8 @@ def SplitText(text: str, origin: str) -> Cells:
     if units:
         del rows[0]
         del lines[0]
+    if not rows:
+        raise ScenarioError(f"{origin}: must have rows, and has only a header")
     _ReplaceDecimalComma(rows, separator, origin)
     return Cells(header=header, rows=rows, lines=lines, comments=comments, units=units)
 
@@ -164,9 +166,7 @@ def _CheckWidths(
     origin: str,
 ) -> None:
     """Refuses rows with another number of cells than the header or the first row."""
-    if not rows:
-        raise ScenarioError(f"{origin}: must have rows, and has only a header")
-    width = len(header or rows[0])
+    width = len(header or rows[0]) if rows else 0
     for row, number, text in zip(rows, lines, texts, strict=True):
         if len(row) != width:
             named = f", {', '.join(header)}" if header else ""

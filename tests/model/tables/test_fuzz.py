@@ -103,6 +103,11 @@ def IsOneLine(call):
 @example("time_s,rtt_ms\n" + "9" * 400 + ",1\n1,1\n")
 @example("seq,time_s,rtt_ms\n1e300,0,1\n2,1,1\n")
 @example("time,rtt_ms\n2030-05-27T10:59:00Z,1\n9999-05-27T10:59:00Z,1\n")
+@example(PING.replace("10.0/20.0/30.0", "10/1,234.5/30"))
+@example("t;v\n[s];[m/s]\n")
+@example('[{"10:59:00s": "4"}, {"time_s": "1", "rtt_ms": "x"}]')
+@example(f'[{{"timestamp": {10**400}, "currentRoundTripTime": 1}}]')
+@example(f'[{{"timestamp": {10**37}, "currentRoundTripTime": 1}}]')
 @example("[[[]]]")
 @example("[" * 100_000)
 def test_there_is_no_traceback(tmp_path_factory, data):
