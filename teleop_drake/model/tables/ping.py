@@ -159,14 +159,17 @@ def _Answers(lines: Sequence[tuple[str, str]], origin: str) -> list[Answer]:
     """
     answers = []
     is_windows = [_WINDOWS.fullmatch(body) is not None for _, body in lines]
-    # Windows ends its heading with a colon; what precedes it is not of ping.
-    first = is_windows.index(True) if any(is_windows) else len(lines)
-    headings = [i for i in range(first) if _IsHeading(lines[i][1])]
-    begin = headings[-1] + 1 if headings else 0
+    # On Windows, each line tells of a packet. The heading ends with a colon there, and
+    # what precedes it is not of ping.
+    begin = len(lines)
+    if True in is_windows:
+        first = is_windows.index(True)
+        headings = [i for i in range(first) if _IsHeading(lines[i][1])]
+        begin = headings[-1] + 1 if headings else 0
     for i, (stamp, body) in enumerate(lines):
         sequence = _SEQUENCE.search(body)
         number = int(sequence[1] or sequence[2]) if sequence else None
-        is_loss = any(is_windows) and i >= begin and bool(body.strip())
+        is_loss = i >= begin and bool(body.strip())
         if not (sequence or is_windows[i] or is_loss):
             continue
         answer = _Answer(i + 1, number, body, stamp)
