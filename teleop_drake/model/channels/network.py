@@ -256,11 +256,11 @@ class NetworkChannelConfig(VaryingDelayConfig):
 
     def _TraceLoss(self, duration: float) -> float:
         """Returns the share of packets that the trace loses."""
-        if self.trace is None:
-            return 0.0
         _, trace = self.Read(duration)
+        if trace is None:
+            return 0.0
         sent = np.arange(math.ceil(duration / self.sample_period)) * self.sample_period
-        return float(trace.IsLost(sent).mean()) if trace is not None else 0.0
+        return float(trace.IsLost(sent).mean())
 
     def _NetemLoss(self) -> Chance | GilbertElliott:
         loss = self.loss
