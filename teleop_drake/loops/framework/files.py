@@ -1,7 +1,10 @@
 """Reads text files with one-line error messages, and writes files atomically."""
 
+import gzip
+import io
 import os
 import re
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -91,6 +94,22 @@ def ReadBytes(path: str | os.PathLike[str], origin: str) -> bytes:
     if len(data) > _MAX_BYTES:
         raise ScenarioError(f"{origin}: must have at most {_MAX_BYTES} bytes")
     return data
+
+
+def Unzipped(data: bytes, origin: str) -> bytes:
+    """Returns the contents of a file that gzip has compressed.
+
+    Raises:
+        ScenarioError: If it is damaged or too long.
+    """
+    try:
+        with gzip.open(io.BytesIO(data)) as stream:
+            contents = stream.read(_MAX_BYTES + 1)
+    except (EOFError, OSError, zlib.error) as error:
+        raise ScenarioError(f"{origin}: must be a .gz file ({error})") from None
+    if len(contents) > _MAX_BYTES:
+        raise ScenarioError(f"{origin}: must have at most {_MAX_BYTES} bytes")
+    return contents
 
 
 def ReadStart(path: str | os.PathLike[str], origin: str, size: int) -> bytes:

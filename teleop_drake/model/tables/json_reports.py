@@ -48,6 +48,8 @@ REPORTS = (
     ),
     # TCP: the smoothed round trip of each interval of the sender.
     Report("iperf3", "intervals.*.streams.*", "end", 1.0, "rtt", 1e-6),
+    # --json-stream: an event a line.
+    Report("iperf3", "*.data.streams.*", "end", 1.0, "rtt", 1e-6),
     # A list of reports, or of lists of reports, as code gathers them.
     Report("WebRTC", "*", "timestamp", 1e-3, "currentRoundTripTime", 1.0),
     Report("WebRTC", "*.*", "timestamp", 1e-3, "currentRoundTripTime", 1.0),

@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from teleop_drake.loops.framework.arrays import Array, Flags
+from teleop_drake.loops.framework.arrays import Array, Flags, Indices
 from teleop_drake.loops.framework.validation import ScenarioError, Show
 from teleop_drake.model.tables.headers import TIME_WORDS, ParseHeader
 from teleop_drake.model.tables.losses import AreLost, Unwrapped
@@ -58,6 +58,8 @@ _WELL = ("ok", "success", "successful", "received", "reply", "answered", "delive
 
 # Packet numbers without a packet are lost; with more than this, they are no numbers.
 _MOST_GAPS = 100
+# So few packets may be all that arrived of a longer count.
+_FEW = 5
 
 # Names that mean one way to some and there and back to others.
 _UNCLEAR = r"(.+_)?(latency|ping|lag|response(_time)?|value)(_.+)?"
@@ -269,6 +271,27 @@ def _AreLost(table: Table, role: str, column: str) -> Flags:
     return is_lost
 
 
+def _CheckCount(steps: Indices, is_copy: Flags, table: Table) -> None:
+    """Refuses numbers that count by more than 1, or that begin anew.
+
+    Args:
+        steps: The differences of the numbers.
+        is_copy: Whether the number of a row was there before, in the rows' order (N).
+        table: The table, for messages.
+    """
+    if len(steps) > _FEW and steps.min() > 1:
+        raise ScenarioError(
+            f"{table.origin}: packet numbers: must count by 1, not by {steps.min()} or "
+            "more"
+        )
+    # The network copies single packets; where numbers begin anew, all are there.
+    if len(is_copy) > _FEW and (is_copy[2:] & is_copy[1:-1] & is_copy[:-2]).any():
+        raise ScenarioError(
+            f"{table.origin}: packet numbers: must count on, and begin anew; split the "
+            "file there"
+        )
+
+
 def _WithGaps(
     times: Array, delays: Array, numbers: Array, table: Table
 ) -> tuple[Array, Array, tuple[str, ...]]:
@@ -283,6 +306,9 @@ def _WithGaps(
             f"{len(all_numbers)} are there"
         )
     copies = len(numbers) - len(counted)
+    is_copy = np.ones(len(numbers), bool)
+    is_copy[rows] = False
+    _CheckCount(np.diff(counted), is_copy, table)
     all_delays = np.full(len(all_numbers), np.nan)
     all_delays[counted - counted[0]] = delays[rows]
     all_times = np.interp(all_numbers, counted, times[rows])

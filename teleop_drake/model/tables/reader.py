@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_drake.loops.framework.files import ReadBytes, ReadStart
+from teleop_drake.loops.framework.files import ReadBytes, ReadStart, Unzipped
 from teleop_drake.loops.framework.validation import ScenarioError, Show
 from teleop_drake.model.tables.arrays_of_files import ReadArrays
 from teleop_drake.model.tables.headers import UNITS, ParseHeader
@@ -84,12 +84,14 @@ def TableOfText(text: str, origin: str) -> Table:
 def ReadAnyText(file: str, origin: str) -> str:
     """Returns the text of a file in UTF-8, UTF-16 or Windows' code page.
 
-    Windows PowerShell writes what a command prints in UTF-16.
+    Windows PowerShell writes what a command prints in UTF-16. irtt compresses its JSON.
 
     Raises:
         ScenarioError: If the file cannot be read, or is too long, or is no text.
     """
     data = ReadBytes(file, origin)
+    if data[:2] == b"\x1f\x8b":
+        data = Unzipped(data, origin)
     is_wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     for encoding in ("utf-16",) if is_wide else ("utf-8-sig", "cp1252", "latin-1"):
         try:

@@ -146,6 +146,7 @@ def Iperf(*round_trips, **fields):
 
 REPORTS = [
     {"intervals": Iperf(40_000, 60_000)},
+    [{"event": "interval", "data": x} for x in Iperf(40_000, 60_000)],
     {"intervals": Iperf(9, 9, omitted=True) + Iperf(40_000, 60_000, omitted=False)},
     [[Pair("a", True, i, 0.04 + 0.02 * i), Pair("b", False, i, 9)] for i in range(2)],
     [
@@ -163,7 +164,9 @@ REPORTS = [
 
 
 @pytest.mark.parametrize(
-    "report", REPORTS, ids=["iperf3", "iperf3 -O", "WebRTC, two pairs", "WebRTC"]
+    "report",
+    REPORTS,
+    ids=["iperf3", "--json-stream", "iperf3 -O", "two pairs", "WebRTC"],
 )
 def test_the_json_of_a_tool(report, tmp_path):
     check(read(tmp_path, json.dumps(report)), [0, 1], [0.02, 0.03])
@@ -276,6 +279,14 @@ UNCLEAR = [
     ("time,rtt_ms\n10:59:00,1\n10:61:00,1\n", "'10:61:00': must be a time of day"),
     ("time_s,rtt_ms,lost\n0,1,maybe\n1,1,no\n", "'maybe': must be true or false"),
     ("seq,time_s,rtt_ms\n1.5,0,1\n2,1,1\n", "packet numbers: must be whole numbers"),
+    (
+        "seq,time_s,rtt_ms\n" + "".join(f"{10 * i},{i},1\n" for i in range(8)),
+        "packet numbers: must count by 1, not by 10 or more",
+    ),
+    (
+        "seq,time_s,rtt_ms\n" + "".join(f"{i % 4},{i},1\n" for i in range(8)),
+        "packet numbers: must count on, and begin anew; split the file there",
+    ),
     ("seq,time_s,rtt_ms\n1,0,1\n900,1,1\n", "packet numbers: must have fewer gaps"),
     ('{"round_trips": []}', "must have delays of packets: irtt client"),
     ('{"intervals": [{"streams": [{}]}]}', "iperf3 has round trips only of TCP"),

@@ -1,6 +1,7 @@
 """Files of each format as tables, and what of them is refused."""
 
 import datetime
+import gzip
 import sys
 
 import h5py
@@ -166,6 +167,17 @@ def test_what_is_no_text(data, tmp_path):
     (tmp_path / "a.csv").write_bytes(data)
     with pytest.raises(ScenarioError, match="must be text, or have the suffix of its "):
         ReadTable("FILE", str(tmp_path / "a.csv"))
+
+
+def test_a_compressed_text(tmp_path):
+    path = tmp_path / "a.json.gz"
+    data = gzip.compress(b'[{"t_s": 0, "rtt_ms": 40}, {"t_s": 1, "rtt_ms": 60}]')
+    path.write_bytes(data)
+    assert ReadPackets("trace", str(path)).delays.tolist() == [0.02, 0.03]
+    for damaged in (data[:-9], data[:20] + b"x" + data[21:]):
+        path.write_bytes(damaged)
+        with pytest.raises(ScenarioError, match=r"must be a .gz file \("):
+            ReadTable("FILE", str(path))
 
 
 def test_a_directory(tmp_path):
