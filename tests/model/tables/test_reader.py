@@ -50,6 +50,18 @@ def test_matlab(tmp_path):
     assert motion.velocities.tolist() == np.ones((5, 2)).tolist()
 
 
+def test_matlab_of_version_7_3(tmp_path):
+    """It is HDF5 behind a block of 512 bytes, and has matrices column by column."""
+    path = tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["time"] = TIMES[np.newaxis, :]
+        file["vel"] = np.array([TIMES, 2 * TIMES])
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    motion = ReadMotion("surgeon.file", str(path), 2)
+    assert motion.velocities == pytest.approx(np.outer(TIMES, [1, 2]))
+
+
 def test_hdf5(tmp_path):
     path = str(tmp_path / "a.hdf5")
     with h5py.File(path, "w") as file:
