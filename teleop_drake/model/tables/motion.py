@@ -100,7 +100,7 @@ def _MotionOf(table: Table, source: TableSource, num_axes: int) -> Motion:
     columns = FindColumns(table, source, num_axes)
     read = table.Times(columns.time, source.units.get("time"))
     values = np.stack(
-        [_Axis(table, name, columns.quantity, source) for name in columns.axes], axis=1
+        [_Axis(table, name, columns, source) for name in columns.axes], axis=1
     )
     times, values, missing = _Rows(table, read, values)
     if columns.quantity == "position":
@@ -122,15 +122,20 @@ def _MotionOf(table: Table, source: TableSource, num_axes: int) -> Motion:
     )
 
 
-def _Axis(table: Table, column: str, quantity: str, source: TableSource) -> Array:
+def _Axis(
+    table: Table, column: str, columns: MotionColumns, source: TableSource
+) -> Array:
     """Returns the numbers of an axis in SI (N); NaN: missing."""
-    unit = source.units.get(quantity) or table.UnitOf(column)
-    if unit and (unit not in UNITS or UNITS[unit].quantity not in QUANTITIES[quantity]):
+    # Up to three axes are directions; of more, some are rotations.
+    of_direction, of_rotation = QUANTITIES[columns.quantity]
+    quantities = [of_direction, *[of_rotation] * (len(columns.axes) > 3)]
+    unit = source.units.get(columns.quantity) or table.UnitOf(column)
+    if unit and (unit not in UNITS or UNITS[unit].quantity not in quantities):
         # One spelling of each: mm/s also stands for mm_s and mm per s.
         allowed = [
             x
             for x, y in UNITS.items()
-            if y.quantity in QUANTITIES[quantity] and x.replace("/", "").isalpha()
+            if y.quantity in quantities and x.replace("/", "").isalpha()
         ]
         raise ScenarioError(
             f"{table.Place(column)}: unit {Show(unit)}: must be one of "

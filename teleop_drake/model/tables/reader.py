@@ -229,9 +229,10 @@ def _ReadFrame(file: str, suffix: str, origin: str) -> "pandas.DataFrame":
     """Returns the contents of a file that pandas reads with a further package."""
     import pandas
 
-    read = pandas.read_parquet if suffix == ".parquet" else pandas.read_excel
     try:
-        return read(file)
+        if suffix == ".parquet":
+            return pandas.read_parquet(file)
+        sheets = pandas.read_excel(file, sheet_name=None)
     except ImportError:
         raise ScenarioError(
             f"{origin}: must have a package that reads it: pip install {_NEEDS[suffix]}"
@@ -240,3 +241,8 @@ def _ReadFrame(file: str, suffix: str, origin: str) -> "pandas.DataFrame":
     except Exception as error:  # noqa: BLE001
         text = " ".join(str(error).split())
         raise ScenarioError(f"{origin}: must be a {suffix} file ({text})") from None
+    full = [name for name, sheet in sheets.items() if not sheet.empty]
+    if len(full) > 1:
+        names = ", ".join(map(Show, full))
+        raise ScenarioError(f"{origin}: must have one sheet with rows, not {names}")
+    return sheets[full[0]] if full else next(iter(sheets.values()))

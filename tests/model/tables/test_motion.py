@@ -183,6 +183,7 @@ BAD = [
         {},
         "column 't': times up to 2.1e+12: must have a unit",
     ),
+    ("t,x [deg]\n0,1\n1,1\n", {}, "unit 'deg': must be one of m, cm, mm, um"),
     ("t,v_mm\n0,1\n1,1\n", {"quantity": "velocity"}, "unit 'mm': must be one of m/s"),
     (
         "t,a,b\n0,1,2\n1,1,2\n",

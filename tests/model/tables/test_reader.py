@@ -119,6 +119,24 @@ def test_elapsed_times_of_excel(tmp_path):
     assert motion.times.tolist() == [0, 30, 60]
 
 
+def test_a_workbook_has_one_sheet_with_rows(tmp_path):
+    book = openpyxl.Workbook()
+    for sheet in (book.active, book.create_sheet("later")):
+        sheet.append(["time", "v"])
+        sheet.append([0.0, 0.1])
+    book.create_sheet("empty")
+    file = str(tmp_path / "a.xlsx")
+    book.save(file)
+    with pytest.raises(
+        ScenarioError, match="one sheet with rows, not 'Sheet', 'later'"
+    ):
+        ReadMotion("surgeon.file", file, 1)
+    del book["later"]
+    book["Sheet"].append([1.0, 0.2])
+    book.save(file)
+    assert ReadMotion("surgeon.file", file, 1).times.tolist() == [0, 1]
+
+
 @pytest.mark.parametrize(
     "cells", [[True, False, True], list(pandas.date_range("2030-05-27", periods=3))]
 )
