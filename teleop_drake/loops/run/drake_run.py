@@ -197,6 +197,8 @@ class _DrakeRun:
                     InitializeParams(suppress_initialization_events=True)
                 )
             status = self._AdvanceInSteps()
+        if not self.has_begun:  # An initialization event has ended the run.
+            self.recorder.Sample()
         # If the monitor has not ended the run, an event of a block has.
         return self._ending or Ending("terminated", status.message())
 
