@@ -7,6 +7,7 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
+    Gain,
     Integrator,
     Saturation,
     Sine,
@@ -132,6 +133,27 @@ def test_a_kink_has_short_pieces_around_it(frequency):
 def test_a_compiled_run_names_the_signals_that_bend_within_a_step(blocks, is_bent):
     recording = simulate(chain(*blocks), duration=2.0, engine="compiled")
     notes = [note for note in recording.notes if note.startswith("y: jumps or bends")]
+    assert len(notes) == is_bent
+
+
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+@pytest.mark.parametrize(
+    ("make", "is_bent"),
+    [
+        (lambda: Saturation(min_value=[-0.5], max_value=[0.5]), True),
+        (Wrapped, True),
+        (lambda: Gain(1.0, 1), False),
+        (lambda: ZeroOrderHold(0.2, 1), False),
+    ],
+    ids=["kink", "jump", "smooth", "events"],
+)
+def test_a_delay_that_smooths_a_bend_is_named(make, is_bent, engine):
+    """Nothing but the integral of the delayed signal is recorded."""
+    late = TransportDelay(0.1, 1)
+    late.set_name("late")
+    diagram = chain(Sine(2.0, 6.0, 0.0, 1), make(), late, Integrator(1))
+    recording = simulate(diagram, duration=0.7, engine=engine)
+    notes = [x for x in recording.notes if x.startswith("late.signal: jumps or bends")]
     assert len(notes) == is_bent
 
 
