@@ -173,7 +173,10 @@ def SetNumbers(
     delays = [name for name, parameter in known.items() if parameter.is_delay]
     changed = {}
     for name, value in numbers.items():
-        number = np.asarray(value, dtype=float)
+        try:
+            number = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            Refuse(name, value, "a number or an array of numbers")
         if not np.isfinite(number).all():
             Refuse(name, value, "finite")
         for each in delays if name == "delay" and delays else [name]:

@@ -104,6 +104,7 @@ class DelayLine:
     the next, and must not change within a run.
 
     Attributes:
+        signal: The input port.
         tickets: The prerequisites of the output.
         repeating: The Simulators, or parts of them, that execute the updates of an
             instant until no signal changes any more.
@@ -122,8 +123,8 @@ class DelayLine:
         self._block = block
         self._delay = delay
         self._parameter = parameter
-        self._signal = block.GetInputPort(delay.signal)
-        size = self._signal.size()
+        self.signal = block.GetInputPort(delay.signal)
+        size = self.signal.size()
         self._jump = block.DeclareDiscreteState([-math.inf, *np.zeros(size)])
         history = AbstractValue.Make(SampleHistory())
         self._history = block.DeclareAbstractState(history)
@@ -245,7 +246,7 @@ class DelayLine:
     def StoreJump(self, context: Context) -> None:
         """Stores that the signal has jumped since Store(), if it has."""
         history = self._GetHistory(context)
-        value = self._signal.Eval(context)
+        value = self.signal.Eval(context)
         if history.times and value.tolist() != history.values[-1].tolist():
             context.SetDiscreteState(self._jump, [history.times[-1], *value])
 
@@ -274,7 +275,7 @@ class DelayLine:
         if self._HasJumped(context, history):
             jump = context.get_discrete_state(self._jump).value()[1:]
             history = append(history, history.times[-1], jump)
-        return append(history, key, self._signal.Eval(context))
+        return append(history, key, self.signal.Eval(context))
 
     @property
     def is_constant(self) -> bool:
@@ -331,7 +332,7 @@ class DelayLine:
     ) -> EventStatus:
         """Stores the signal's value after the events if these made it jump."""
         history = self._GetHistory(context)
-        value = self._signal.Eval(context)
+        value = self.signal.Eval(context)
         if value.tolist() != history.values[-1].tolist():
             jump = [history.times[-1], *value]
         elif self._HasJumped(context, history):
@@ -350,7 +351,7 @@ class DelayLine:
         is_recorded = history.now == self._Keys(context)[1]
         if not is_recorded or self._HasJumped(context, history):
             return
-        if self._signal.Eval(context).tolist() == history.values[-1].tolist():
+        if self.signal.Eval(context).tolist() == history.values[-1].tolist():
             return
         self._has_warned = True
         name = self._block.GetSystemPathname().removeprefix("::")

@@ -97,6 +97,7 @@ class PacketLine:
     at the end of that step, so blocks that record jumps see both sides.
 
     Attributes:
+        signal: The input port.
         tickets: The prerequisites of the output.
         is_constant: Whether the delay does not vary in a run: never.
 
@@ -113,7 +114,7 @@ class PacketLine:
         self._delay = delay
         self._shown = delay.shown
         self._ticks = TicksOf(delay)
-        self._signal = block.GetInputPort(delay.signal)
+        self.signal = block.GetInputPort(delay.signal)
         self._nothing = _Sent(
             shown=-math.inf,
             sent=-math.inf,
@@ -156,7 +157,7 @@ class PacketLine:
 
     def Take(self, context: Context) -> Any:
         """Returns a copy of the signal, the value of a packet."""
-        return self._signal.Eval(context).copy()
+        return self.signal.Eval(context).copy()
 
     def Shown(self, context: Context) -> "_Sent":
         """Returns the packet that is shown."""
@@ -176,7 +177,7 @@ class PacketLine:
 
     def Sent(self, context: Context) -> SentSignal:
         """Returns what has been sent until the time of a Context."""
-        samples = {context.get_time(): self._signal.Eval(context)}
+        samples = {context.get_time(): self.signal.Eval(context)}
         for packet in self._PacketsIn(context).packets:
             samples[packet.sent] = packet.value
             if packet.earlier is not None:

@@ -108,7 +108,7 @@ class SteeredLine(DelayLine):
         self._control = block.GetInputPort(delay.time)
         self._delivered = block.DeclareDiscreteState([*_NOTHING])
         self.tickets |= {
-            self._signal.ticket(),
+            self.signal.ticket(),
             self._control.ticket(),
             block.discrete_state_ticket(self._delivered),
         }
@@ -156,7 +156,7 @@ class SteeredLine(DelayLine):
         """Returns the delayed signal."""
         history = self._GetHistory(context)
         if self._delay.length == 0 and self._Control(context) <= CLOSE:
-            value: Array = self._signal.Eval(context)
+            value: Array = self.signal.Eval(context)
             return value
         if not history.times:
             return np.array(self._delay.initial_value)
@@ -270,7 +270,7 @@ class SteeredLine(DelayLine):
         self, context: Context, values: DiscreteValues
     ) -> EventStatus:
         # Two steps may be so close that their samples are one, which is no jump.
-        value = self._signal.Eval(context)
+        value = self.signal.Eval(context)
         stored = self._GetHistory(context).values[-1]
         if np.any(abs(value - stored) > 1e-9 * (abs(value) + abs(stored))):
             super()._RecordAfterEvents(context, values)

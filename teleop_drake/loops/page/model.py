@@ -20,7 +20,6 @@ from teleop_drake.loops.engine.problem import BREAKS, JUMPS, ROWS, Memory
 from teleop_drake.loops.engine.run import CompiledRun
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.signals import (
-    NameOf,
     PathsIn,
     SignalsOf,
     SystemsByPath,
@@ -28,7 +27,6 @@ from teleop_drake.loops.framework.signals import (
     Visible,
 )
 from teleop_drake.loops.framework.surface import Surface, SurfacesIn
-from teleop_drake.loops.framework.validation import Refuse
 from teleop_drake.loops.framework.wiring import InputPorts
 from teleop_drake.loops.kernel.block import LongestStep
 from teleop_drake.loops.page.late_wires import LateWires
@@ -313,7 +311,8 @@ def MakeModel(
         config: The accuracy and the longest step.
         duration: The simulated time, s.
         context: The initial Context, which is not changed; None: the default Context.
-        signals: The output port of each shown signal, by name; None: SignalsOf().
+        signals: The output port of each shown signal, by name; None: those of
+            SignalsOf() that have elements.
         suppress_initialization_events: As for simulate().
         late: The delays on connections; None: there are none.
 
@@ -321,12 +320,14 @@ def MakeModel(
         UnsupportedSystem: If a block has no kernel; the message names the block.
     """
     suppress = suppress_initialization_events
+    if signals is None:
+        signals = {name: x for name, x in SignalsOf(diagram).items() if x.size()}
     job = Job(
         diagram=diagram,
         context=context or diagram.CreateDefaultContext(),
         config=config,
         duration=duration,
-        signals=_ShownOf(diagram) if signals is None else signals,
+        signals=signals,
         suppress_initialization_events=suppress,
     )
     start = StartOf(diagram, job.context, suppress_initialization_events=suppress)
@@ -420,14 +421,6 @@ def _FactsOf(run: CompiledRun, surfaces: Sequence[Surface]) -> dict[str, Any]:
         "surfaces": [surface.name for surface in surfaces],
         "materials": [getattr(x.material, "name", "") for x in surfaces],
     }
-
-
-def _ShownOf(diagram: System) -> dict[str, OutputPort]:
-    """Returns the signals that are shown by default, one or more."""
-    shown = {name: port for name, port in SignalsOf(diagram).items() if port.size()}
-    if not shown:
-        Refuse(f"outputs of {NameOf(diagram)}", None, "one vector or more")
-    return shown
 
 
 def _MakeEvaluator(

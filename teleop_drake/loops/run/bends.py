@@ -110,12 +110,14 @@ def Kinked(series: Series) -> list[str]:
     """Returns the names of signals that jump or bend within a step of a compiled run.
 
     A fourth difference, divided by the fourth power of the step, is a derivative. It
-    changes little from one step to the next, unless there is a kink in a step.
+    changes little from one step to the next, unless there is a kink in a step. The last
+    step is left out: a jump that is due at the end may change its last sample.
 
     Args:
         series: Times, signals and steps of the run.
     """
     time, signals, steps = series
+    steps = steps[:-1]
     if len(steps) < 5:
         return []
     lengths = time[steps[:, -1]] - time[steps[:, 0]]
@@ -140,11 +142,21 @@ def Kinked(series: Series) -> list[str]:
     return names
 
 
-def NotesOnBends(names: Collection[str]) -> list[str]:
-    """Returns a note on signals that are not accurate between rows."""
-    if not names:
-        return []
+def NotesOnBends(names: Collection[str], sent: Collection[str] = ()) -> list[str]:
+    """Returns notes on signals that are not accurate where they jump or bend.
+
+    Args:
+        names: The signals that are not accurate between rows.
+        sent: The inputs of delays that jump or bend within a step.
+    """
+    meanings = {
+        "between the rows around it the signal is not accurate": names,
+        "within a step around it the delayed signal, and what depends on it, is not "
+        "accurate": sent,
+    }
     return [
-        f"{', '.join(sorted(names))}: jumps or bends at an instant that no event "
-        "announces; between the rows around it the signal is not accurate"
+        f"{', '.join(sorted(found))}: jumps or bends at an instant that no event "
+        f"announces; {meaning}"
+        for meaning, found in meanings.items()
+        if found
     ]

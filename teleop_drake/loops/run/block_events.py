@@ -15,9 +15,11 @@ from teleop_drake.loops.engine.flatten import Flatten
 from teleop_drake.loops.engine.run import CompiledRun
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.kernel.delay_line import DelayLine
 from teleop_drake.loops.numerics.instants import same_within
 from teleop_drake.loops.numerics.pieces import Pieces
 from teleop_drake.loops.numerics.step_polynomials import Series
+from teleop_drake.loops.run.bends import Kinked
 from teleop_drake.loops.run.recording import Event
 from teleop_drake.loops.run.run import Job, Outcome
 
@@ -54,6 +56,25 @@ def CompiledEvents(run: CompiledRun, end: float, outcome: Outcome) -> list[Event
     return _Sorted(events, end, outcome)
 
 
+def CompiledBends(run: CompiledRun, series: Series) -> tuple[list[str], list[str]]:
+    """Returns what Outcome.find_bends tells of a compiled run.
+
+    Args:
+        series: The part of the run that is recorded.
+    """
+    times, _, steps = series
+    _, rows = run.Rows()
+    program = run.evaluator.program
+    sent = {}
+    for block, kernel in zip(run.evaluator.blocks, program.kernels, strict=True):
+        for delay in kernel.delays:
+            source = block.inputs.get(delay.signal)
+            if delay.shown is None and source is not None:
+                place = program.signals[source]
+                sent[f"{block.path}.{delay.signal}"] = rows[: len(times), place]
+    return Kinked(series), Kinked((times, sent, steps))
+
+
 class Watched(NamedTuple):
     """What a run in Drake's Simulator records to find events.
 
@@ -61,10 +82,13 @@ class Watched(NamedTuple):
         guarded: The blocks with guards, by their paths.
         positions: The output port with the position at each block with surfaces, by the
             path of the block.
+        sent: The output port with the signal of each delay, by its input
+            `path.input`.
     """
 
     guarded: dict[str, Any]
     positions: dict[str, OutputPort]
+    sent: dict[str, OutputPort]
 
 
 def WatchedIn(system: System) -> Watched:
@@ -72,12 +96,19 @@ def WatchedIn(system: System) -> Watched:
     blocks = Flatten(system)
     guarded = {x.path: x.system for x in blocks if getattr(x.system, "has_guards", 0)}
     positions = {}
+    sent = {}
     for block in blocks:
-        source = block.inputs.get(_POSITION)
-        if source is not None and hasattr(block.system, "Surfaces"):
-            sender = blocks[source.block].system
-            positions[block.path] = sender.GetOutputPort(source.port)
-    return Watched(guarded, positions)
+        senders = {
+            name: blocks[source.block].system.GetOutputPort(source.port)
+            for name, source in block.inputs.items()
+        }
+        if _POSITION in senders and hasattr(block.system, "Surfaces"):
+            positions[block.path] = senders[_POSITION]
+        for line in getattr(block.system, "delays", ()):
+            name = line.signal.get_name()
+            if isinstance(line, DelayLine) and name in senders:
+                sent[f"{block.path}.{name}"] = senders[name]
+    return Watched(guarded, positions, sent)
 
 
 def GuardsDue(guarded: Mapping[str, Any], root: Any, context: Context) -> list[Event]:

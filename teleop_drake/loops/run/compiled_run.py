@@ -30,11 +30,12 @@ from teleop_drake.loops.numerics.step_polynomials import Series
 from teleop_drake.loops.run.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.loops.run.inputs import CheckInitialization
 from teleop_drake.loops.run.logs import WriteLogs
-from teleop_drake.loops.run.recording import Event
 from teleop_drake.loops.run.run import (
     COMPLETED,
     INTERRUPTED,
     Ending,
+    FindBends,
+    FindEvents,
     Interruption,
     Job,
     Outcome,
@@ -144,7 +145,9 @@ class CompiledDiagram:
         if self.omitted:
             outcome.notes = [f"{', '.join(self.omitted)}: {_OMITTED}"]
         if job.has_events:
-            outcome.find_events = partial(_FindEvents, run, job, outcome)
+            end = run.start.t + job.duration
+            outcome.find_events = partial(FindEvents, run, end, outcome)
+            outcome.find_bends = partial(FindBends, run, outcome)
         if self._has_final_context:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)
@@ -446,13 +449,6 @@ def _Run(
     series = times, signals, run.Steps()
     wall_time = clock.monotonic() - start
     return OutcomeOf(run, systems, series, wall_time, ending, is_beyond_bound)
-
-
-def _FindEvents(run: CompiledRun, job: Job, outcome: Outcome) -> list[Event]:
-    """Returns the events of a run; imports what finds them when they are needed."""
-    from teleop_drake.loops.run.block_events import CompiledEvents
-
-    return CompiledEvents(run, run.start.t + job.duration, outcome)
 
 
 def _Norms(rows: Array) -> Array:

@@ -19,7 +19,6 @@ from teleop_drake.loops.framework.solver import EVENT_ACCURACY
 from teleop_drake.loops.framework.validation import Refuse, ScenarioError
 from teleop_drake.loops.kernel.block import LongestStepOf
 from teleop_drake.loops.numerics.instants import TIE, same_within
-from teleop_drake.loops.run.bends import NotesOnBends
 from teleop_drake.loops.run.block_events import (
     DrakeEvents,
     GuardsDue,
@@ -98,7 +97,10 @@ def RunInDrake(job: Job) -> Outcome:
     series = run.recorder.Finish()
     if ending == COMPLETED:
         series[0][-1] = job.end  # The last step ends there, up to rounding.
+    for name in run.watched.sent:
+        del series[1][_HIDDEN + name]
     positions = {path: series[1].pop(_HIDDEN + path) for path in run.watched.positions}
+    bends = run.Bends()
     outcome = Outcome(
         engine="drake",
         series=series,
@@ -109,7 +111,7 @@ def RunInDrake(job: Job) -> Outcome:
         is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
-        notes=NotesOnBends(run.recorder.unresolved & set(job.signals)),
+        find_bends=lambda: bends,
     )
     if job.has_events:
         due = run.due
@@ -164,9 +166,12 @@ class _DrakeRun:
         self._job = job
         self._pace = Pace(job.duration, job.start)
         self._num_samples = 0
-        self.watched = WatchedIn(job.diagram) if job.has_events else Watched({}, {})
+        self.watched = Watched({}, {}, {})
+        if job.has_events:
+            self.watched = WatchedIn(job.diagram)
         self.due: list[Event] = []
-        hidden = {_HIDDEN + x: port for x, port in self.watched.positions.items()}
+        ports = self.watched.positions | self.watched.sent
+        hidden = {_HIDDEN + name: port for name, port in ports.items()}
         self.recorder = Recorder(
             job.diagram, {**job.signals, **hidden}, simulator.get_mutable_context()
         )
@@ -197,6 +202,8 @@ class _DrakeRun:
                     InitializeParams(suppress_initialization_events=True)
                 )
             status = self._AdvanceInSteps()
+        if not self.has_begun:  # An initialization event has ended the run.
+            self.recorder.Sample()
         # If the monitor has not ended the run, an event of a block has.
         return self._ending or Ending("terminated", status.message())
 
@@ -223,6 +230,12 @@ class _DrakeRun:
             status = self._simulator.AdvanceTo(boundary)
             if boundary == self._job.end or is_ended(status):
                 return status
+
+    def Bends(self) -> tuple[set[str], set[str]]:
+        """Returns the signals that Outcome.find_bends tells."""
+        recorder = self.recorder
+        sent = {x for x in self.watched.sent if _HIDDEN + x in recorder.bent}
+        return recorder.unresolved & set(self._job.signals), sent
 
     def Monitor(self, root_context: Context) -> EventStatus | None:
         """Records a step at its end; ends the run if a check requires it."""

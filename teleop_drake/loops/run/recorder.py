@@ -54,8 +54,9 @@ class Recorder:
     Attributes:
         names: The names of the signals.
         columns: The slice of a sample that belongs to each signal, in the same order.
-        unresolved: The names of the signals that jump or bend within a step, more
-            sharply than the shortest piece follows.
+        bent: The names of the signals that jump or bend within a step.
+        unresolved: The names of those that do so more sharply than the shortest piece
+            follows.
 
     Args:
         diagram: The simulated System.
@@ -70,6 +71,7 @@ class Recorder:
         root_context: Context,
     ):
         self.names = list(signals)
+        self.bent: set[str] = set()
         self.unresolved: set[str] = set()
         sizes = [port.size() for port in signals.values()]
         ends = np.cumsum([0, *sizes]).tolist()
@@ -191,6 +193,8 @@ class Recorder:
             *inside, checked = At(first, width)
             rows = [self._samples[-1], *(x for _, x in (*inside, sample, checked))]
             bent = self._bends.Find(np.array(rows))
+            if width == 1.0:
+                self.bent |= {self.names[k] for k in bent}
             if len(bent) and width > _SHORTEST_PIECE and num_pieces < _MOST_PIECES:
                 middle = first + width / 2
                 pieces += [(middle, last, sample), (first, middle, inside[1])]

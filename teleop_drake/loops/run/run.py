@@ -3,10 +3,10 @@
 import math
 import signal
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import FrameType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, OutputPort, System
@@ -15,6 +15,9 @@ from teleop_drake.loops.framework.solver import MAX_STEPS
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.numerics.step_polynomials import Series
 from teleop_drake.loops.run.recording import Event
+
+if TYPE_CHECKING:
+    from teleop_drake.loops.engine.run import CompiledRun
 
 # The most steps of a run, including rejected steps and events at one instant. Error
 # control may take more steps than a scenario forces, of which MAX_STEPS are allowed.
@@ -122,6 +125,8 @@ class Outcome:
             None if there is no such Context, see Recording.
         notes: Remarks on the run.
         find_events: A function that returns the events that blocks have located.
+        find_bends: A function that returns the names of signals that are not accurate
+            between rows, and of inputs of delays that jump or bend within a step.
     """
 
     engine: str
@@ -135,6 +140,21 @@ class Outcome:
     make_final_context: Callable[[], Context] | None = None
     notes: Sequence[str] = ()
     find_events: Callable[[], list[Event]] = list
+    find_bends: Callable[[], tuple[Collection[str], Collection[str]]] = lambda: ((), ())
+
+
+def FindEvents(run: "CompiledRun", end: float, outcome: Outcome) -> list[Event]:
+    """Returns the events of a compiled run; imports what finds them when asked."""
+    from teleop_drake.loops.run.block_events import CompiledEvents
+
+    return CompiledEvents(run, end, outcome)
+
+
+def FindBends(run: "CompiledRun", outcome: Outcome) -> tuple[list[str], list[str]]:
+    """Returns the signals of Outcome.find_bends of a compiled run, as FindEvents()."""
+    from teleop_drake.loops.run.block_events import CompiledBends
+
+    return CompiledBends(run, outcome.series)
 
 
 class Pace:

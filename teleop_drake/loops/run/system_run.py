@@ -1,6 +1,6 @@
 """The run of a System: its specification, its engine and its recording."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pydrake.systems.analysis import SimulatorConfig
@@ -227,7 +227,7 @@ def RecordingOf(
     recording = Recording(**fields, events=[])
     later: dict[str, Callable[[Recording], Any]] = {
         "events": lambda _: run.find_events(),
-        "notes": lambda _: NotesOn(run) + notes + _NotesOnKinks(run),
+        "notes": lambda _: NotesOn(run, notes),
     }
     if make_final is not None:
         later["final_context"] = lambda _: make_final()
@@ -236,16 +236,6 @@ def RecordingOf(
         # Until they are found, they keep all rows.
         recording.KeepSignals(recording.signals)
     return recording
-
-
-def _NotesOnKinks(run: Outcome) -> list[str]:
-    """Returns a note on signals that bend within steps of a compiled run."""
-    if run.engine != "compiled":
-        # Drake's engine shortens its rows there, and notes what remains.
-        return []
-    from teleop_drake.loops.run.bends import Kinked, NotesOnBends
-
-    return NotesOnBends(Kinked(run.series))
 
 
 def FieldsOf(config: SimulatorConfig, run: Outcome) -> dict[str, Any]:
@@ -275,14 +265,16 @@ def FieldsOf(config: SimulatorConfig, run: Outcome) -> dict[str, Any]:
     }
 
 
-def NotesOn(run: Outcome) -> list[str]:
-    """Returns the notes of blocks on their part of a run."""
+def NotesOn(run: Outcome, known: Sequence[str]) -> list[str]:
+    """Returns the notes on a run: of its blocks, known ones, and on its bends."""
+    from teleop_drake.loops.run.bends import NotesOnBends
+
     time, signals, _ = run.series
     notes: list[str] = []
     for system in run.systems.values():
         if hasattr(system, "RunNotes"):
             notes += system.RunNotes(time, signals)
-    return notes
+    return [*notes, *known, *NotesOnBends(*run.find_bends())]
 
 
 def _Channels(

@@ -158,7 +158,7 @@ def MakeRecording(
     )
     later: dict[str, Callable[[Any], Any]] = {
         "events": find_events,
-        "notes": lambda _: known + NotesOn(run) + notes,
+        "notes": lambda _: known + NotesOn(run, notes),
     }
     recording.FindLater(later)
     return recording

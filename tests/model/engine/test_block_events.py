@@ -330,6 +330,22 @@ def test_an_event_of_a_system_that_nothing_depends_on_is_executed(sink, declarat
     assert recording.time[-1] == pytest.approx(0.5, abs=0.11)
 
 
+@pytest.mark.parametrize("engine", ["auto", "drake"])
+@pytest.mark.parametrize("kind", ["Publish", "DiscreteUpdate", "UnrestrictedUpdate"])
+def test_an_initialization_event_may_end_the_run(kind, engine):
+    watch = bare()
+
+    def End(context, *_):
+        return EventStatus.ReachedTermination(watch, "at once")
+
+    getattr(watch, f"DeclareInitialization{kind}Event")(End)
+    context = watch.CreateDefaultContext()
+    watch.get_input_port(0).FixValue(context, [0.0])
+    recording = simulate(watch, context=context, duration=1.0, engine=engine)
+    assert recording.termination == "terminated"
+    assert recording.time.tolist() == [0.0]
+
+
 def test_a_log_without_an_event_of_a_user_is_left_out():
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("source", Integrator(1))

@@ -100,6 +100,12 @@ def test_a_delay_that_the_constructor_refuses_is_refused_in_every_run(run, delay
         run(loop(), delay)
 
 
+@pytest.mark.parametrize("value", ["long", {"s": 1.0}, [[0.1], [0.1, 0.2]]])
+def test_what_is_no_number_is_refused_by_name(value):
+    with pytest.raises(ScenarioError, match=r"^sensor\.delay = .*: must be a number"):
+        of_a_kept_program(loop(), value)
+
+
 def test_a_delay_of_0_in_a_context_passes_the_signal():
     diagram = loop()
     context = context_with_delay(diagram, 0.0)

@@ -5,8 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
+from pydrake.geometry import Box, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
+    Gain,
     Integrator,
     Saturation,
     Sine,
@@ -135,6 +140,27 @@ def test_a_compiled_run_names_the_signals_that_bend_within_a_step(blocks, is_ben
     assert len(notes) == is_bent
 
 
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+@pytest.mark.parametrize(
+    ("make", "is_bent"),
+    [
+        (lambda: Saturation(min_value=[-0.5], max_value=[0.5]), True),
+        (Wrapped, True),
+        (lambda: Gain(1.0, 1), False),
+        (lambda: ZeroOrderHold(0.2, 1), False),
+    ],
+    ids=["kink", "jump", "smooth", "events"],
+)
+def test_a_delay_that_smooths_a_bend_is_named(make, is_bent, engine):
+    """Nothing but the integral of the delayed signal is recorded."""
+    late = TransportDelay(0.1, 1)
+    late.set_name("late")
+    diagram = chain(Sine(2.0, 6.0, 0.0, 1), make(), late, Integrator(1))
+    recording = simulate(diagram, duration=0.7, engine=engine)
+    notes = [x for x in recording.notes if x.startswith("late.signal: jumps or bends")]
+    assert len(notes) == is_bent
+
+
 def test_a_jump_without_an_event_is_enclosed_and_named():
     diagram = chain(Step(), PythonGain())
     recording = simulate(diagram, duration=1.0, engine="drake")
@@ -185,6 +211,48 @@ class Noise(LeafSystem):
             lambda context, y: y.SetFromVector([np.sin(1e9 * context.get_time())]),
             prerequisites_of_calc={self.time_ticket()},
         )
+
+
+def BallOnTheGround():
+    """Returns a Diagram in which a ball of 1 kg rolls, spins and bounces."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    inertia = SpatialInertia(1.0, np.zeros(3), UnitInertia.SolidSphere(0.05))
+    ball = plant.AddRigidBody("ball", inertia)
+    friction = CoulombFriction(0.5, 0.5)
+    below = RigidTransform([0.0, 0.0, -0.5])
+    world = plant.world_body()
+    pose = RigidTransform()
+    plant.RegisterCollisionGeometry(ball, pose, Sphere(0.05), "ball", friction)
+    plant.RegisterCollisionGeometry(world, below, Box(2, 2, 1), "ground", friction)
+    plant.Finalize()
+    ports = {
+        "state": plant.get_state_output_port(),
+        "acceleration": plant.get_generalized_acceleration_output_port(),
+    }
+    for name, port in ports.items():
+        builder.ExportOutput(port, name)
+    return builder.Build()
+
+
+def test_the_acceleration_of_a_body_in_contact_is_that_of_its_state():
+    """In the rows it is so to the last bit, between them to 1e-4 of its range."""
+    diagram = BallOnTheGround()
+    context = diagram.CreateDefaultContext()
+    start = [1, 0, 0, 0, 0, 0, 0.06, 0, 5, 0, 0.3, 0, 0]
+    context.SetContinuousState(np.array(start, float))
+    recording = simulate(diagram, context=context, duration=0.1)
+    spread = np.ptp(recording["acceleration"])
+    assert spread > 1000
+    times = np.linspace(0.0, 0.1, 501)
+    between = [recording.Interpolate(x, times) for x in ("state", "acceleration")]
+    rows = [recording["state"], recording["acceleration"]]
+    for (states, found), tolerance in ((rows, 0.0), (between, 1e-4 * spread)):
+        expected = []
+        for state in states:
+            context.SetContinuousState(state)
+            expected.append(diagram.GetOutputPort("acceleration").Eval(context))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
 
 
 def test_noise_is_named_and_costs_little():

@@ -374,3 +374,12 @@ def test_a_port_without_elements_is_not_shown():
     diagram.get_input_port().FixValue(context, [1.0])
     (loop,) = MakePage(diagram, context=context).data["controllers"]
     assert [*loop["signals"]] == ["state.y0"]
+
+
+def test_a_diagram_without_signals_is_a_picture():
+    """A plant without bodies has ports without elements only."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    plant.Finalize()
+    (loop,) = MakePage(builder.Build()).data["controllers"]
+    assert loop["signals"] == {}

@@ -30,7 +30,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.loops.engine.flatten import UnreadableLeaf
+from teleop_drake.loops.engine.flatten import UnreadableLeaf, UnsupportedSystem
 from teleop_drake.loops.engine.leaf_tracing.advice import Advised
 from teleop_drake.loops.engine.leaf_tracing.block_stand_ins import (
     OwnBlock,
@@ -55,6 +55,7 @@ from teleop_drake.loops.engine.leaf_tracing.inner_systems import (
     InnerSystem,
     IsInner,
 )
+from teleop_drake.loops.engine.leaf_tracing.sinks import MayEnd
 from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
     Cell,
     Groups,
@@ -85,12 +86,19 @@ _ENGINE = Path(__file__).parents[1]
 
 
 def HasInitialization(system: Any) -> bool:
-    """Returns whether a user's block in Python has an initialization event."""
+    """Returns whether a user's block in Python has an initialization event.
+
+    Raises:
+        UnsupportedSystem: If the event may end the run.
+    """
     own = system.CreateDefaultContext()
     try:
         found = FindCallback(lambda x: system.ExecuteInitializationEvents(x), own)
     except Untraceable:
         return True
+    if found is not None and MayEnd(found.function.__code__):
+        reason = f"its initialization event {found.name} may end a run"
+        raise UnsupportedSystem(system, reason)
     return found is not None
 
 

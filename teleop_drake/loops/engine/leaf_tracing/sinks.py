@@ -43,9 +43,18 @@ def CheckSink(system: Any) -> None:
             raise UnsupportedSystem(system, reason)
     for is_constructor, code in _CodesOf(type(system)):
         raises = any(x.opname == "RAISE_VARARGS" for x in dis.get_instructions(code))
-        if _ENDS & set(code.co_names) or (raises and not is_constructor):
+        if MayEnd(code) or (raises and not is_constructor):
             reason = f"{code.co_name}(), line {code.co_firstlineno}, may end a run"
             raise UnsupportedSystem(system, reason)
+
+
+def MayEnd(code: CodeType) -> bool:
+    """Returns whether code, or a function that it defines, returns a status of an end.
+
+    Drake ends a run at such a status.
+    """
+    codes = [code, *_InnerCodes(code)]
+    return any(_ENDS & set(each.co_names) for each in codes)
 
 
 def _CodesOf(cls: type) -> Iterator[tuple[bool, CodeType]]:
