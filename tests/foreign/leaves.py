@@ -389,7 +389,45 @@ class InnerContextAsDefault(Block):
         self.calc = functools.partial(energy, other=plant.CreateDefaultContext())
 
 
+class Switched(Block):
+    """Two laws that are blocks themselves, as where one swings up and one balances."""
+
+    def declare(self):
+        self.swing = EnergyShaping()
+        self.swing_context = self.swing.CreateDefaultContext()
+        self.walk = Walk()
+        self.walk_context = self.walk.CreateDefaultContext()
+
+    def calc(self, context, output):
+        u = self.u.Eval(context)
+        if abs(u[0]) < 0.5:
+            self.walk.u.FixValue(self.walk_context, 2 * u)
+            self.walk_context.SetTime(context.get_time())
+            self.walk_context.SetContinuousState([u[1]])
+            output.SetFromVector(self.walk.GetOutputPort("y").Eval(self.walk_context))
+        else:
+            self.swing.get_input_port().FixValue(self.swing_context, u)
+            output[0] = self.swing.get_output_port().Eval(self.swing_context)[0]
+
+
 # With states.
+
+
+class Walk(Block):
+    """Its rate, output and numbers depend on all that a Context has."""
+
+    def declare(self):
+        self.DeclareContinuousState(1)
+        self.DeclareNumericParameter(BasicVector([0.3]))
+
+    def calc(self, context, output):
+        x = context.get_continuous_state_vector()[0]
+        gain = context.get_numeric_parameter(0)[0]
+        output[0] = gain * x * self.u.Eval(context)[0] + context.get_time()
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        derivatives.get_mutable_vector().SetAtIndex(0, self.u.Eval(context)[1])
+
 
 State = namedview("State", ["angle", "rate"])
 
@@ -635,7 +673,7 @@ READ = [
     Minimal, Matrix, Solved, Looked, Looped, Helped, Inherited, WithDataclass,
     WithTable, WithCachedFunction, partial_block, TwoOutputs, Cached, Optional,
     Parameters, Path, EnergyShaping, ModelInside, Pendulum, Named, Pid, Filter,
-    InnerContextAsDefault, TwoRates, SameRate, Held, Sampled, ContinuousVectors,
+    Switched, Walk, InnerContextAsDefault, TwoRates, SameRate, Held, Sampled, ContinuousVectors,
     DiscreteVectors,
     Vehicle_[None], SymbolicVehicle,
 ]  # fmt: skip
@@ -655,6 +693,8 @@ class Refused(Block):
         self.rng = np.random.default_rng(0)
         self.pendulum = PendulumPlant()
         self.own = self.pendulum.CreateDefaultContext()
+        self.walk = Walk()
+        self.walking = self.walk.CreateDefaultContext()
 
 
 class Assigns(Refused):
@@ -731,6 +771,13 @@ class HasPlant(Refused):
 class SetsNoState(Refused):
     def calc(self, context, output):
         output[0] = self.pendulum.EvalKineticEnergy(self.own)
+
+
+class SetsNoTime(Refused):
+    def calc(self, context, output):
+        self.walking.SetContinuousState([0.2])
+        self.walk.u.FixValue(self.walking, self.u.Eval(context))
+        output.SetFromVector(self.walk.get_output_port().Eval(self.walking))
 
 
 class CountsInGlobal(Refused):
@@ -876,6 +923,7 @@ REFUSED = {
     ReadsFile: r"calc\(\), line \d+: ",
     HasPlant: "it has a MultibodyPlant inside; connect it",
     SetsNoState: "that it has not set",
+    SetsNoTime: "does not set the time of a block inside",
     CountsInGlobal: "global variable",
     CountsInClass: r"a call of type\(\)",
     LeavesOut: "element 1",

@@ -217,8 +217,8 @@ def _Raw(cls: type, name: str) -> Any:
     return None
 
 
-def _InputAt(reader: Any, index: Any = 0) -> OwnInput:
-    return OwnInput(reader, reader.system.get_input_port(int(index)))
+def _InputAt(reader: Any, index: Any = 0) -> Any:
+    return reader.Port(reader.system.get_input_port(int(index)))
 
 
 def _EvalVectorInput(reader: Any, context: Any, index: Any) -> Any:
@@ -228,14 +228,12 @@ def _EvalVectorInput(reader: Any, context: Any, index: Any) -> Any:
 
 _METHODS: dict[str, Any] = {
     "get_input_port": _InputAt,
-    "GetInputPort": lambda reader, name: OwnInput(
-        reader, reader.system.GetInputPort(name)
+    "GetInputPort": lambda reader, name: reader.Port(reader.system.GetInputPort(name)),
+    "get_output_port": lambda reader, index=0: reader.Port(
+        reader.system.get_output_port(int(index))
     ),
-    "get_output_port": lambda reader, index=0: OwnOutput(
-        reader, reader.system.get_output_port(int(index))
-    ),
-    "GetOutputPort": lambda reader, name: OwnOutput(
-        reader, reader.system.GetOutputPort(name)
+    "GetOutputPort": lambda reader, name: reader.Port(
+        reader.system.GetOutputPort(name)
     ),
     "EvalVectorInput": _EvalVectorInput,
     "get_cache_entry": lambda reader, index: OwnCache(

@@ -67,7 +67,7 @@ from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
 )
 from teleop_drake.loops.engine.leaf_tracing.trajectories import Trajectory
 from teleop_drake.loops.framework.contexts import DiscreteState
-from teleop_drake.loops.framework.signals import VectorOutputs
+from teleop_drake.loops.framework.signals import IsPlainLeaf, VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts
 from teleop_drake.loops.jit.following import Follow
 from teleop_drake.loops.jit.symbolic_arrays import AsFloats, AsNumbers
@@ -116,6 +116,7 @@ class LeafReader:
         self._terms: dict[int, Term] = {}
         self._symbolic: dict[Any, Any] = {}
         self._memory: dict[Any, Any] = {}
+        self._inside: dict[Any, LeafReader] = {}
         self._own: Any = None
         self._constants: Mapping[str, Any] = {}
         self._lock = threading.Lock()
@@ -431,10 +432,14 @@ class LeafReader:
         if isinstance(value, Index):
             return int(value)
         if isinstance(value, InputPort | OutputPort):
-            if value.get_system() is not self.system:
+            owner = value.get_system()
+            if owner is self.system:
+                return self.Port(value)
+            if not IsPlainLeaf(owner):
                 raise Untraceable(f"{name} is a port of another system")
-            kind = OwnInput if isinstance(value, InputPort) else OwnOutput
-            return kind(self, value)
+            return self._Inside(owner).Port(value)
+        if IsPlainLeaf(value):
+            return OwnBlock(self._Inside(value))
         if isinstance(value, CacheEntry):
             return OwnCache(self, value)
         if isinstance(value, PiecewisePolynomial):
@@ -451,6 +456,21 @@ class LeafReader:
             usual = MATH.get(getattr(value, "__name__", ""))
             return None if usual is None else self._Follow(usual, name)
         return None
+
+    def Port(self, port: Any) -> Any:
+        """Returns the stand-in for a port of the block."""
+        kind = OwnInput if isinstance(port, InputPort) else OwnOutput
+        return kind(self, port)
+
+    def _Inside(self, system: Any) -> "LeafReader":
+        """Returns the reader of another block in Python that the block has inside."""
+        from teleop_drake.loops.engine.leaf_tracing.inner_leaves import InnerReader
+
+        if system not in self._inside:
+            self._inside[system] = InnerReader(system, self._memory)
+        reader = self._inside[system]
+        reader.graph = self.graph
+        return reader
 
     def _Inner(self, system: Any) -> InnerSystem:
         """Returns the stand-in for a system of Drake's that the block has inside."""
