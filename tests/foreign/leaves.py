@@ -32,6 +32,7 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 from pydrake.systems.primitives import LinearSystem
+from pydrake.systems.pyplot_visualizer import PyPlotVisualizer
 from pydrake.systems.scalar_conversion import TemplateSystem
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -360,16 +361,19 @@ class EnergyShaping(Block):
 
 
 class ModelInside(Block):
+    """A model whose port is kept, as where a law predicts the rate of its plant."""
+
     num_outputs = 2
 
     def declare(self):
         A = [[0.0, 1.0], [-2.0, -0.3]]
         self.model = LinearSystem(A, [[0.0], [1.0]], np.eye(2), np.zeros((2, 1)))
         self.own = self.model.CreateDefaultContext()
+        self.port = self.model.get_input_port()
 
     def calc(self, context, output):
         self.own.SetContinuousState(self.u.Eval(context))
-        self.model.get_input_port().FixValue(self.own, [0.5])
+        self.port.FixValue(self.own, [0.5])
         rate = self.model.EvalTimeDerivatives(self.own).CopyToVector()
         output.SetFromVector(rate + self.model.get_output_port().Eval(self.own))
 
@@ -673,9 +677,8 @@ READ = [
     Minimal, Matrix, Solved, Looked, Looped, Helped, Inherited, WithDataclass,
     WithTable, WithCachedFunction, partial_block, TwoOutputs, Cached, Optional,
     Parameters, Path, EnergyShaping, ModelInside, Pendulum, Named, Pid, Filter,
-    Switched, Walk, InnerContextAsDefault, TwoRates, SameRate, Held, Sampled, ContinuousVectors,
-    DiscreteVectors,
-    Vehicle_[None], SymbolicVehicle,
+    Switched, Walk, InnerContextAsDefault, TwoRates, SameRate, Held, Sampled,
+    ContinuousVectors, DiscreteVectors, Vehicle_[None], SymbolicVehicle,
 ]  # fmt: skip
 
 
@@ -740,6 +743,12 @@ class Prints(Refused):
     def calc(self, context, output):
         print("u is", self.u.Eval(context))
         output[0] = 0.0
+
+
+class MakesText(Refused):
+    def calc(self, context, output):
+        text = f"{context.get_time():.3f} s"
+        output[0] = len(text)
 
 
 class Catches(Refused):
@@ -918,6 +927,7 @@ REFUSED = {
     DrawsFromGenerator: r"self.rng.normal\(\)",
     ReadsClock: r"context.get_time\(\)",
     Prints: r"print\(\)",
+    MakesText: "it makes text .*; print in an event",
     Catches: "catches errors",
     Raises: "too large",
     ReadsFile: r"calc\(\), line \d+: ",
@@ -1009,6 +1019,17 @@ class Monitor(Logger):
         if context.get_time() > 0.35:
             return EventStatus.ReachedTermination(self, "enough")
         return EventStatus.Succeeded()
+
+
+class Picture(PyPlotVisualizer):
+    """It draws with matplotlib, as the notebooks of courses do."""
+
+    def __init__(self):
+        PyPlotVisualizer.__init__(self, show=False)
+        self.DeclareVectorInputPort("u", 2)
+
+    def draw(self, context):
+        self.ax.plot(*self.get_input_port().Eval(context), "k.")
 
 
 class Drawing(LeafSystem):

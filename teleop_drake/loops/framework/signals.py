@@ -5,6 +5,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from types import FunctionType
 from typing import Any
 
 from pydrake.systems.framework import (
@@ -111,14 +112,19 @@ def ClassOf(system: System) -> str:
 def IsPlainLeaf(system: Any) -> bool:
     """Returns whether a system is a user's LeafSystem in Python without a kernel.
 
-    A subclass of another class of Drake's is none: parts of it are not in Python.
+    Of a subclass of another class of Drake's in C++, parts are not in Python: it is none.
     """
     if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
         return False
     if type(system).__module__.startswith("teleop_drake."):
         return False
-    of_drake = [x for x in type(system).__mro__ if x.__module__.startswith("pydrake")]
-    return of_drake[0] in (LeafSystem, VectorSystem)
+    in_cpp = [
+        x
+        for x in type(system).__mro__
+        if x.__module__.startswith("pydrake")
+        and not isinstance(vars(x).get("__init__"), FunctionType)
+    ]
+    return in_cpp[0] in (LeafSystem, VectorSystem)
 
 
 def IsOfDrake(system: System) -> bool:

@@ -169,17 +169,21 @@ class InnerSystem(StandIn):
             )
         )
 
+    def Port(self, port: Any) -> _InnerPort:
+        """Returns the stand-in for a port of the system."""
+        return _InnerPort(self, port)
+
     def get_input_port(self, index: Any = 0) -> _InnerPort:
-        return _InnerPort(self, self._system.get_input_port(int(index)))
+        return self.Port(self._system.get_input_port(int(index)))
 
     def get_output_port(self, index: Any = 0) -> _InnerPort:
-        return _InnerPort(self, self._system.get_output_port(int(index)))
+        return self.Port(self._system.get_output_port(int(index)))
 
     def GetInputPort(self, name: str) -> _InnerPort:
-        return _InnerPort(self, self._system.GetInputPort(name))
+        return self.Port(self._system.GetInputPort(name))
 
     def GetOutputPort(self, name: str) -> _InnerPort:
-        return _InnerPort(self, self._system.GetOutputPort(name))
+        return self.Port(self._system.GetOutputPort(name))
 
     def Evaluate(
         self, context: InnerContext, compute: Callable[[Any, Any], Any]

@@ -435,9 +435,9 @@ class LeafReader:
             owner = value.get_system()
             if owner is self.system:
                 return self.Port(value)
-            if not IsPlainLeaf(owner):
-                raise Untraceable(f"{name} is a port of another system")
-            return self._Inside(owner).Port(value)
+            if IsPlainLeaf(owner):
+                return self._Inside(owner).Port(value)
+            return self._Inner(owner).Port(value)
         if IsPlainLeaf(value):
             return OwnBlock(self._Inside(value))
         if isinstance(value, CacheEntry):

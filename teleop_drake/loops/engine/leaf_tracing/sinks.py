@@ -50,8 +50,14 @@ def CheckSink(system: Any) -> None:
 
 def _CodesOf(cls: type) -> Iterator[tuple[bool, CodeType]]:
     """Yields the code of a user's class, and whether it is that of a constructor."""
+    known: set[str] = set()
     for base in cls.__mro__[: cls.__mro__.index(LeafSystem)]:
+        is_of_drake = base.__module__.startswith("pydrake")
         for name, method in vars(base).items():
+            # What a class of Drake's raises where it is not overridden.
+            if is_of_drake and name in known:
+                continue
+            known.add(name)
             function = getattr(method, "__func__", method)
             if isinstance(function, FunctionType):
                 yield name == "__init__", function.__code__
