@@ -112,7 +112,7 @@ def ClassOf(system: System) -> str:
 def IsPlainLeaf(system: Any) -> bool:
     """Returns whether a system is a user's LeafSystem in Python without a kernel.
 
-    Of a subclass of another class of Drake's in C++, parts are not in Python: it is none.
+    A subclass of another class in C++ is none: parts of it are not in Python.
     """
     if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
         return False
