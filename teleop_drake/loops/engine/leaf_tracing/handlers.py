@@ -21,6 +21,7 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus, State
 
 from teleop_drake.loops.engine.leaf_tracing.callbacks import (
+    FindCallback,
     Found,
     FoundIn,
     IsCalledByDrake,
@@ -41,6 +42,16 @@ _BESIDE = math.pi * 1e-10
 
 # Functions that the Simulator calls, and that handle no event.
 _NO_HANDLERS = ("DoCalcTimeDerivatives", "DoCalcVectorTimeDerivatives")
+
+
+def HasInitialization(system: Any) -> bool:
+    """Returns whether a user's block in Python has an initialization event."""
+    own = system.CreateDefaultContext()
+    try:
+        found = FindCallback(lambda x: system.ExecuteInitializationEvents(x), own)
+    except Untraceable:
+        return True
+    return found is not None
 
 
 @dataclass

@@ -38,11 +38,13 @@ class InnerReader(LeafReader):
 
     Args:
         system: The inner block.
+        outer: The reader of the outer block.
         memory: As for InnerContext.
     """
 
-    def __init__(self, system: Any, memory: dict[Context, Any]):
+    def __init__(self, system: Any, outer: LeafReader, memory: dict[Context, Any]):
         LeafReader.__init__(self, system)
+        self._outer = outer
         self._memory = memory
         self._context: Any = None
 
@@ -64,10 +66,12 @@ class InnerReader(LeafReader):
             return Copied(context.state)
         if name == "mode" and self.num_modes == 0:
             return np.zeros(0)
+        if name == "time" and TIME not in context.others:
+            return self._outer.Unset("the time of a block inside")
         key = TIME
         if name.startswith("input "):
             port = self.system.GetInputPort(name.removeprefix("input "))
             key = int(port.get_index())
         if name == "mode" or key not in context.others:
             raise Untraceable(f"it does not set the {name} of a block inside")
-        return AsNumbers(np.ravel(Objects(context.others[key])))
+        return AsNumbers(Objects(context.others[key]).ravel())

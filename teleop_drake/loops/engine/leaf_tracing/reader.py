@@ -78,20 +78,13 @@ from teleop_drake.loops.kernel import Kernel, Term, Transition
 # The operations by which a smooth function of time becomes one that may jump.
 _JUMPING = frozenset({"select", "floor", "ceil", "trunc", "fmod"})
 
+# The begin of the names of numbers that no result may depend on.
+_UNSET = "unset "
+
 # The value of each input where known handlers are executed.
 _INPUT = 0.5
 
 _ENGINE = Path(__file__).parents[1]
-
-
-def HasInitialization(system: Any) -> bool:
-    """Returns whether a user's block in Python has an initialization event."""
-    own = system.CreateDefaultContext()
-    try:
-        found = FindCallback(lambda x: system.ExecuteInitializationEvents(x), own)
-    except Untraceable:
-        return True
-    return found is not None
 
 
 class LeafReader:
@@ -292,6 +285,9 @@ class LeafReader:
 
     def _Tape(self, name: str, values: Any) -> Term:
         tape, constants, names = TapeOf(self.graph, values, self._sizes)
+        for vector in names:
+            if vector.startswith(_UNSET):
+                raise Untraceable(f"it does not set {vector.removeprefix(_UNSET)}")
         self._parameters[f"numbers in {name}"] = constants
         arguments: list[Any] = [
             ("input", x.removeprefix("input ")) if x.startswith("input ") else x
@@ -311,10 +307,18 @@ class LeafReader:
         if vector not in self._sizes:
             value = self._constants.get(name, meshcat.GetSliderValue(name))
             self._parameters[vector] = np.array([value], float).ravel()
-            self._sizes[vector] = 1
+        return self._Further(vector)[0]
+
+    def Unset(self, what: str) -> Any:
+        """Returns a number that may be read, and on which no result may depend."""
+        return self._Further(f"{_UNSET}{what}")
+
+    def _Further(self, vector: str) -> Any:
+        """Returns a vector of one number that is given from now on."""
+        self._sizes[vector] = 1
         if vector not in self.graph.given:
             self.graph.Given(vector, 1)
-        return self.Load(vector)[0]
+        return self.Load(vector)
 
     def Input(self, port: Any) -> Any:
         """Returns the elements of an input port."""
@@ -467,7 +471,7 @@ class LeafReader:
         from teleop_drake.loops.engine.leaf_tracing.inner_leaves import InnerReader
 
         if system not in self._inside:
-            self._inside[system] = InnerReader(system, self._memory)
+            self._inside[system] = InnerReader(system, self, self._memory)
         reader = self._inside[system]
         reader.graph = self.graph
         return reader
