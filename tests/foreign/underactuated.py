@@ -11,7 +11,8 @@ from foreign.wiring import (
     StateFeedback,
 )
 from pydrake.common import FindResourceOrThrow
-from pydrake.examples import AcrobotPlant, PendulumPlant
+from pydrake.examples import AcrobotPlant, PendulumGeometry, PendulumPlant
+from pydrake.geometry import SceneGraph
 from pydrake.math import BarycentricMesh
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -23,6 +24,9 @@ from pydrake.systems.controllers import (
     MakeFiniteHorizonLinearQuadraticRegulator,
 )
 from pydrake.systems.framework import LeafSystem, WitnessFunctionDirection
+from pydrake.systems.planar_scenegraph_visualizer import (
+    ConnectPlanarSceneGraphVisualizer,
+)
 from pydrake.systems.pyplot_visualizer import PyPlotVisualizer
 
 
@@ -274,6 +278,9 @@ class Picture(PyPlotVisualizer):
 def PendulumInAPicture(builder):
     plant = Add(builder, "plant", PendulumPlant())
     picture = Add(builder, "picture", Picture())
+    scene = Add(builder, "scene", SceneGraph())
+    PendulumGeometry.AddToBuilder(builder, plant.get_state_output_port(), scene)
+    ConnectPlanarSceneGraphVisualizer(builder, scene, show=False)
     torque = Add(builder, "torque", drake.ConstantVectorSource([0.1]))
     builder.Connect(torque.get_output_port(), plant.get_input_port())
     builder.Connect(plant.get_state_output_port(), picture.get_input_port())

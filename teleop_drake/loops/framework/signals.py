@@ -116,7 +116,7 @@ def IsPlainLeaf(system: Any) -> bool:
     """
     if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
         return False
-    if type(system).__module__.startswith("teleop_drake."):
+    if type(system).__module__.startswith(("teleop_drake.", "pydrake.")):
         return False
     in_cpp = [
         x
