@@ -11,8 +11,15 @@ import pytest
 from benchmarks.measuring import OneDigit
 from benchmarks.published_systems import HEAD, SYSTEMS, CellsOf
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    DiscreteTimeDelay,
+    Gain,
+)
 
-from teleop_drake.loops import WritePage
+from teleop_drake.loops import WritePage, simulate
 from teleop_drake.loops.draw.block_diagram import DiagramDot
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
@@ -114,3 +121,23 @@ def test_what_does_not_compile_is_named(system):
     obstacle = re.escape(system.obstacle)
     with pytest.raises(UnsupportedSystem, match=f"cannot be compiled: {obstacle}"):
         Evaluator(diagram, context)
+
+
+@pytest.mark.parametrize("h", [0.1, 0.001])
+@pytest.mark.parametrize("k", [0.5, 2.0])
+def test_a_sampled_delay_does_not_solve_an_algebraic_loop(h, k):
+    """y = r - k y(before) is a sum of (-k)^i r, with a term more every other sample."""
+    builder = DiagramBuilder()
+    blocks = [Adder(2, 1), DiscreteTimeDelay(h, 1, 1), Gain(-k, 1)]
+    for block in blocks:
+        builder.AddSystem(block)
+    r = builder.AddSystem(ConstantVectorSource([1.0]))
+    total, delay, gain = blocks
+    builder.Connect(r.get_output_port(), total.get_input_port(0))
+    builder.Connect(total.get_output_port(), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), total.get_input_port(1))
+    builder.ExportOutput(total.get_output_port(), "y")
+    run = simulate(builder.Build(), duration=30.5 * h)
+    expected = sum((-k) ** i for i in range(16))
+    assert run["y"][-1, 0] == pytest.approx(expected, rel=1e-9)
