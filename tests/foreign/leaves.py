@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from foreign.wiring import SerialArm
 from pydrake.common.containers import namedview
 from pydrake.common.value import AbstractValue
 from pydrake.examples import PendulumParams, PendulumPlant
@@ -19,6 +20,7 @@ from pydrake.math import RotationMatrix_, wrap_to
 from pydrake.math import cos as drake_cos
 from pydrake.math import sin as drake_sin
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import (
     BasicVector,
     EventStatus,
@@ -378,6 +380,57 @@ class ModelInside(Block):
         output.SetFromVector(rate + self.model.get_output_port().Eval(self.own))
 
 
+class CancelsDynamics(Block):
+    """The plant's own equations, in a Context that each call makes."""
+
+    num_outputs = 2
+
+    def declare(self):
+        self.plant = SerialArm([0.5, 0.4], actuated=(0, 1))
+
+    def calc(self, context, output):
+        q = self.u.Eval(context)
+        own = self.plant.CreateDefaultContext()
+        self.plant.SetPositions(own, q)
+        self.plant.SetVelocities(own, q[::-1])
+        forces = MultibodyForces(self.plant)
+        self.plant.CalcForceElementsContribution(own, forces)
+        torque = self.plant.CalcMassMatrixViaInverseDynamics(own) @ [0.3, -0.2]
+        torque += self.plant.CalcBiasTerm(own) - forces.generalized_forces()
+        torque -= self.plant.CalcGravityGeneralizedForces(own)
+        output.SetFromVector(self.plant.MakeActuationMatrix().T @ torque)
+
+
+class Reaches(Block):
+    """A spring at a point of a plant inside, whose weight is carried."""
+
+    num_outputs = 2
+
+    def declare(self):
+        self.plant = SerialArm([0.5, 0.4], actuated=(0, 1))
+        self.own = self.plant.CreateDefaultContext()
+        self.tip = self.plant.get_body(BodyIndex(2)).body_frame()
+
+    def calc(self, context, output):
+        plant = self.plant
+        world = plant.world_frame()
+        q = self.u.Eval(context)
+        plant.SetPositionsAndVelocities(self.own, np.concatenate([q, q[::-1]]))
+        point = [0.1, 0.02, 0.3]
+        J = plant.CalcJacobianTranslationalVelocity(
+            self.own, JacobianWrtVariable.kV, self.tip, point, world, world
+        )
+        p = plant.CalcPointsPositions(self.own, self.tip, point, world).ravel()
+        J_w = plant.CalcJacobianSpatialVelocity(
+            self.own, JacobianWrtVariable.kV, self.tip, point, world, world
+        )
+        force = -3.0 * p - J @ plant.GetVelocities(self.own) + J_w[:3] @ q
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(self.own, forces)
+        carried = plant.CalcInverseDynamics(self.own, np.array([0.1, 0.2]), forces)
+        output.SetFromVector(J.T @ force + carried)
+
+
 class InnerContextAsDefault(Block):
     """A Context of its own comes as a default and by a partial."""
 
@@ -677,8 +730,8 @@ READ = [
     Minimal, Matrix, Solved, Looked, Looped, Helped, Inherited, WithDataclass,
     WithTable, WithCachedFunction, partial_block, TwoOutputs, Cached, Optional,
     Parameters, Path, EnergyShaping, ModelInside, Pendulum, Named, Pid, Filter,
-    Switched, Walk, InnerContextAsDefault, TwoRates, SameRate, Held, Sampled,
-    ContinuousVectors, DiscreteVectors, Vehicle_[None], SymbolicVehicle,
+    CancelsDynamics, Reaches, Switched, Walk, InnerContextAsDefault, TwoRates, SameRate,
+    Held, Sampled, ContinuousVectors, DiscreteVectors, Vehicle_[None], SymbolicVehicle,
 ]  # fmt: skip
 
 
@@ -698,6 +751,8 @@ class Refused(Block):
         self.own = self.pendulum.CreateDefaultContext()
         self.walk = Walk()
         self.walking = self.walk.CreateDefaultContext()
+        self.arm = SerialArm([0.5, 0.4], actuated=(0, 1))
+        self.armed = self.arm.CreateDefaultContext()
 
 
 class Assigns(Refused):
@@ -774,7 +829,13 @@ class ReadsFile(Refused):
 
 class HasPlant(Refused):
     def calc(self, context, output):
-        output[0] = self.plant.num_positions()
+        output[0] = self.plant.CalcTotalMass(self.plant.CreateDefaultContext())
+
+
+class SetsNoVelocity(Refused):
+    def calc(self, context, output):
+        self.arm.SetPositions(self.armed, self.u.Eval(context))
+        output.SetFromVector(self.arm.CalcBiasTerm(self.armed)[:1])
 
 
 class SetsNoState(Refused):
@@ -931,7 +992,8 @@ REFUSED = {
     Catches: "catches errors",
     Raises: "too large",
     ReadsFile: r"calc\(\), line \d+: ",
-    HasPlant: "it has a MultibodyPlant inside; connect it",
+    HasPlant: r"it calls CalcTotalMass\(\) of a plant inside; connect it",
+    SetsNoVelocity: "it does not set the velocities of a plant inside",
     SetsNoState: "that it has not set",
     SetsNoTime: "does not set the time of a block inside",
     CountsInGlobal: "global variable",

@@ -321,6 +321,33 @@ def PendulumWithTwoLaws(builder):
     return {plant: [2.7, 0.3]}
 
 
+class CancelledDynamics(LeafSystem):
+    """It cancels what its plant does, and lets it swing as a pendulum would."""
+
+    def __init__(self, plant):
+        LeafSystem.__init__(self)
+        self.plant = plant
+        self.own = plant.CreateDefaultContext()
+        self.DeclareVectorInputPort("state", 4)
+        self.DeclareVectorOutputPort("torque", 2, self.CalcTorque)
+
+    def CalcTorque(self, context, torque):
+        state = self.get_input_port().Eval(context)
+        self.plant.SetPositionsAndVelocities(self.own, state)
+        M = self.plant.CalcMassMatrix(self.own)
+        weight = self.plant.CalcGravityGeneralizedForces(self.own)
+        wish = [-5 * np.sin(state[0]) - 0.1 * state[2], -state[1] - 0.1 * state[3]]
+        torque.SetFromVector(M @ wish + self.plant.CalcBiasTerm(self.own) - weight)
+
+
+def DoublePendulumLikeAPendulum(builder):
+    plant = Add(builder, "plant", SerialArm([0.5, 0.4]))
+    law = Add(builder, "law", CancelledDynamics(plant))
+    builder.Connect(plant.get_state_output_port(), law.get_input_port())
+    builder.Connect(law.get_output_port(), plant.get_actuation_input_port())
+    return {plant: [1.0, 0.0, 0.2, 0.0]}
+
+
 class ReturnMap(LeafSystem):
     """An oscillator with a witness function where it passes a section."""
 
@@ -376,6 +403,11 @@ UNDERACTUATED = [
     Published("spring loaded hopper", SpringLoadedHopper, "a stiff spring in Python"),
     Published("triple pendulum", TriplePendulum, "underactuation"),
     Published("pendulum in a picture", PendulumInAPicture, "`PyPlotVisualizer`"),
+    Published(
+        "cancelled dynamics",
+        DoublePendulumLikeAPendulum,
+        "a `MultibodyPlant` inside a law",
+    ),
     Published("pendulum with two laws", PendulumWithTwoLaws, "blocks inside a block"),
     Published(
         "return map",

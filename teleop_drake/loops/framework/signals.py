@@ -116,11 +116,14 @@ def IsPlainLeaf(system: Any) -> bool:
     """
     if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
         return False
-    if type(system).__module__.startswith(("teleop_drake.", "pydrake.")):
+    own = type(system)
+    if own in (LeafSystem, VectorSystem):
+        return True
+    if own.__module__.startswith(("teleop_drake.", "pydrake.")):
         return False
     in_cpp = [
         x
-        for x in type(system).__mro__
+        for x in own.__mro__
         if x.__module__.startswith("pydrake")
         and not isinstance(vars(x).get("__init__"), FunctionType)
     ]

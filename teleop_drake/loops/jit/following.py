@@ -173,6 +173,13 @@ class _Outside:
     __eq__ = __ne__ = __bool__ = __repr__ = _Refuse
 
 
+def Original(value: Any) -> Any:
+    """Returns the object from outside of a function that a value replaces."""
+    if type(value) is _Outside:
+        return object.__getattribute__(value, "_outside")[1]
+    return value
+
+
 class _Followed(Replacement):
     """The replacement of a Python function: its copy, which records operations."""
 

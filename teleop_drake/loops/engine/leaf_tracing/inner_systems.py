@@ -62,7 +62,8 @@ class InnerContext(StandIn):
     Attributes:
         original: The Context, of which the parameters are taken.
         state: The elements of the continuous state; None: not set.
-        others: The values of input ports that are fixed, by index, and the time as -1.
+        others: The values of input ports that are fixed, by index, and the time as -1;
+            the positions and velocities of a plant by name.
 
     Args:
         original: The Context.
@@ -79,7 +80,7 @@ class InnerContext(StandIn):
             state = np.full(original.num_continuous_states(), None, object)
             memory[original] = state, {}
         self.state: Any
-        self.others: dict[int, Any]
+        self.others: dict[int | str, Any]
         self.state, self.others = memory[original]
 
     def SetTime(self, time: Any) -> None:
@@ -213,11 +214,11 @@ class InnerSystem(StandIn):
 
         if len(context.state) > 0:
             own.SetContinuousState(New(context.state))
-        for i, elements in context.others.items():
-            if i == TIME:
+        for key, elements in context.others.items():
+            if key == TIME:
                 own.SetTime(New([elements])[0])
-            else:
-                self._symbolic.get_input_port(i).FixValue(own, New(elements))
+            elif isinstance(key, int):
+                self._symbolic.get_input_port(key).FixValue(own, New(elements))
         try:
             result = compute(self._symbolic, own)
         except Exception as error:

@@ -67,7 +67,7 @@ from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
 )
 from teleop_drake.loops.engine.leaf_tracing.trajectories import Trajectory
 from teleop_drake.loops.framework.contexts import DiscreteState
-from teleop_drake.loops.framework.signals import IsPlainLeaf, VectorOutputs
+from teleop_drake.loops.framework.signals import IsPlainLeaf, IsPlant, VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts
 from teleop_drake.loops.jit.following import Follow
 from teleop_drake.loops.jit.symbolic_arrays import AsFloats, AsNumbers
@@ -450,6 +450,10 @@ class LeafReader:
             return Trajectory(value)
         if isinstance(value, Meshcat):
             return OwnMeshcat(self, value)
+        if getattr(value, "__name__", "") == "MultibodyForces":
+            from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerForces
+
+            return InnerForces
         if isinstance(value, Context):
             return InnerContext(value, self._memory)
         if IsInner(value):
@@ -476,12 +480,16 @@ class LeafReader:
         reader.graph = self.graph
         return reader
 
-    def _Inner(self, system: Any) -> InnerSystem:
+    def _Inner(self, system: Any) -> Any:
         """Returns the stand-in for a system of Drake's that the block has inside."""
+        if IsPlant(system):
+            from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerPlant
+
+            return InnerPlant(system, self, self._memory)
         if system not in self._symbolic:
             self._symbolic[system] = system.ToSymbolicMaybe()
         symbolic = self._symbolic[system]
-        if symbolic is None or type(system).__name__ == "MultibodyPlant":
+        if symbolic is None:
             raise Untraceable(f"it has a {type(system).__name__} inside")
         return InnerSystem(system, symbolic, self._memory)
 
