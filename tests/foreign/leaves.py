@@ -446,6 +446,12 @@ class InnerContextAsDefault(Block):
         self.calc = functools.partial(energy, other=plant.CreateDefaultContext())
 
 
+class Twice(Sum):
+    def calc(self, context, output):
+        super().calc(context, output)
+        output[0] = 2 * output[0]
+
+
 class Switched(Block):
     """Two laws that are blocks themselves, as where one swings up and one balances."""
 
@@ -454,6 +460,8 @@ class Switched(Block):
         self.swing_context = self.swing.CreateDefaultContext()
         self.walk = Walk()
         self.walk_context = self.walk.CreateDefaultContext()
+        self.twice = Twice()
+        self.twice_context = self.twice.CreateDefaultContext()
 
     def calc(self, context, output):
         u = self.u.Eval(context)
@@ -465,6 +473,8 @@ class Switched(Block):
         else:
             self.swing.get_input_port().FixValue(self.swing_context, u)
             output[0] = self.swing.get_output_port().Eval(self.swing_context)[0]
+            self.twice.get_input_port().FixValue(self.twice_context, u)
+            output[0] += self.twice.get_output_port().Eval(self.twice_context)[0]
 
 
 # With states.

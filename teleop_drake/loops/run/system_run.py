@@ -139,6 +139,8 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
             run = compiled.Run(job)
             return run, [*NotesOnBlocks(compiled.evaluator), *run.notes]
         except (CannotCompile, ReadingDisagrees, NearLimit) as error:
+            if engine == "compiled":
+                raise
             notes = [NoteOnDrake(error)]
     from teleop_drake.loops.run.drake_run import RunInDrake
     from teleop_drake.loops.run.sample_ties import NotesOnTies

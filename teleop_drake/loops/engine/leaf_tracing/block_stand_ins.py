@@ -1,6 +1,7 @@
 """Stand-ins for a block in a function of it that is followed, and for its parts."""
 
 import functools
+import sys
 from types import FunctionType
 from typing import Any, NoReturn
 
@@ -183,6 +184,19 @@ class SuperOf:
                 function = Follow(reader.graph, vars(base)[name], name)
                 return functools.partial(function, me)
         return _AttributeOf(reader, me, name)
+
+
+def SuperIn(*arguments: Any) -> SuperOf:
+    """Returns what super() returns in a method of a block."""
+    cls, me = arguments or (None, None)
+    if not arguments:
+        frame = sys._getframe(1)
+        cls = frame.f_locals["__class__"]
+        me = frame.f_locals[frame.f_code.co_varnames[0]]
+    if type(me) is not OwnBlock:
+        raise Untraceable("it calls super() of another object")
+    reader = object.__getattribute__(me, "_reader")
+    return SuperOf(reader, me, object.__getattribute__(cls, "_outside")[1])
 
 
 def _AttributeOf(reader: Any, me: OwnBlock, name: str) -> Any:

@@ -6,7 +6,6 @@ block is not changed, and no line of its code runs before it has been followed.
 """
 
 import itertools
-import sys
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -39,7 +38,7 @@ from teleop_drake.loops.engine.leaf_tracing.block_stand_ins import (
     OwnInput,
     OwnMeshcat,
     OwnOutput,
-    SuperOf,
+    SuperIn,
 )
 from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     FindCallback,
@@ -430,7 +429,7 @@ class LeafReader:
         if value is self.system:
             return OwnBlock(self)
         if value is super:
-            return self._Super
+            return SuperIn
         if value is EventStatus:
             return StatusClass()
         if isinstance(value, Index):
@@ -492,14 +491,3 @@ class LeafReader:
         if symbolic is None:
             raise Untraceable(f"it has a {type(system).__name__} inside")
         return InnerSystem(system, symbolic, self._memory)
-
-    def _Super(self, *arguments: Any) -> SuperOf:
-        """Returns what super() returns in a method of the block."""
-        cls, me = arguments or (None, None)
-        if not arguments:
-            frame = sys._getframe(1)
-            cls = frame.f_locals["__class__"]
-            me = frame.f_locals[frame.f_code.co_varnames[0]]
-        if type(me) is not OwnBlock:
-            raise Untraceable("it calls super() of another object")
-        return SuperOf(self, me, object.__getattribute__(cls, "_outside")[1])
