@@ -20,7 +20,12 @@ from pydrake.math import RotationMatrix_, wrap_to
 from pydrake.math import cos as drake_cos
 from pydrake.math import sin as drake_sin
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, JacobianWrtVariable, MultibodyForces
+from pydrake.multibody.tree import (
+    BodyIndex,
+    JacobianWrtVariable,
+    MultibodyForces,
+    MultibodyForces_,
+)
 from pydrake.systems.framework import (
     BasicVector,
     EventStatus,
@@ -393,10 +398,11 @@ class CancelsDynamics(Block):
         own = self.plant.CreateDefaultContext()
         self.plant.SetPositions(own, q)
         self.plant.SetVelocities(own, q[::-1])
-        forces = MultibodyForces(self.plant)
+        forces = MultibodyForces_(self.plant)
         self.plant.CalcForceElementsContribution(own, forces)
         torque = self.plant.CalcMassMatrixViaInverseDynamics(own) @ [0.3, -0.2]
         torque += self.plant.CalcBiasTerm(own) - forces.generalized_forces()
+        torque -= 0.5 * self.plant.CalcGeneralizedForces(own, forces)
         torque -= self.plant.CalcGravityGeneralizedForces(own)
         output.SetFromVector(self.plant.MakeActuationMatrix().T @ torque)
 

@@ -23,8 +23,8 @@ from teleop_drake.loops.numerics import rigid_body
 # Methods that return the same in each call.
 _CONSTANT = (
     "GetBodyByName", "GetFrameByName", "GetJointByName", "GetModelInstanceByName",
-    "MakeActuationMatrix", "num_actuators", "num_multibody_states", "num_positions",
-    "num_velocities", "time_step", "world_body", "world_frame",
+    "MakeActuationMatrix", "gravity_field", "num_actuators", "num_multibody_states",
+    "num_positions", "num_velocities", "time_step", "world_body", "world_frame",
 )  # fmt: skip
 
 
@@ -152,10 +152,13 @@ class InnerPlant(StandIn):
         self, context: InnerContext, known_vdot: Any, external_forces: InnerForces
     ) -> Any:
         total = self.CalcMassMatrix(context) @ AsNumbers(Objects(known_vdot).ravel())
-        total = total + self.CalcBiasTerm(context) - external_forces.values
-        if external_forces.has_gravity:
-            total = total - self.CalcGravityGeneralizedForces(context)
-        return total
+        total = total + self.CalcBiasTerm(context)
+        return total - self.CalcGeneralizedForces(context, external_forces)
+
+    def CalcGeneralizedForces(self, context: InnerContext, forces: InnerForces) -> Any:
+        if forces.has_gravity:
+            return forces.values + self.CalcGravityGeneralizedForces(context)
+        return forces.generalized_forces()
 
     def _Dynamics(self, tree: Any, q: Any, v: Any) -> Any:
         """Returns the mass matrix, and the bias with gravity."""

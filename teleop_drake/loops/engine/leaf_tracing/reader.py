@@ -86,6 +86,13 @@ _INPUT = 0.5
 _ENGINE = Path(__file__).parents[1]
 
 
+def _NameOfClass(value: Any) -> str:
+    """Returns the name of a class or a template of Drake's; else an empty text."""
+    if isinstance(value, type):
+        return value.__name__
+    return str(value.name) if type(value).__name__ == "TemplateClass" else ""
+
+
 class LeafReader:
     """Makes the kernel of a LeafSystem.
 
@@ -449,7 +456,7 @@ class LeafReader:
             return Trajectory(value)
         if isinstance(value, Meshcat):
             return OwnMeshcat(self, value)
-        if getattr(value, "__name__", "") == "MultibodyForces":
+        if _NameOfClass(value) in ("MultibodyForces", "MultibodyForces_"):
             from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerForces
 
             return InnerForces
