@@ -76,11 +76,15 @@ def test_it_compiles_and_moves_as_in_drake(system):
             np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9 * scale)
 
 
+def rows_of_the_table():
+    """Returns the rows of the documentation's table of copies."""
+    table = TABLE.read_text(encoding="utf-8").partition(HEAD)[2]
+    return re.findall(r"^\| .*", table, re.M)
+
+
 def test_the_table_of_the_documentation_is_what_the_command_finds():
     """But for the times, which another test reads."""
-    rows = re.findall(r"^\| .*", TABLE.read_text(encoding="utf-8"), re.M)
-    assert rows[0] == HEAD
-    found = [row.strip("| ").split(" | ")[:6] for row in rows[1:]]
+    found = [row.strip("| ").split(" | ")[:6] for row in rows_of_the_table()]
     assert found == [CellsOf(system) for system in SYSTEMS]
 
 
@@ -93,8 +97,7 @@ def test_the_documentation_calls_them_copies():
 
 def test_the_times_have_one_significant_digit():
     """Of ratios on a busy machine no more is repeatable."""
-    rows = re.findall(r"^\| .*", TABLE.read_text(encoding="utf-8"), re.M)[2:]
-    times = [x for row in rows for x in row.split(" | ")[6:]]
+    times = [x for row in rows_of_the_table() for x in row.split(" | ")[6:]]
     known = [x.strip(" |") for x in times if re.search(r"\d", x)]
     assert len(known) > 80
     assert known == [OneDigit(float(x)) for x in known]
