@@ -9,6 +9,7 @@ from types import FunctionType
 from typing import Any
 
 from pydrake.systems.framework import (
+    Context,
     Diagram,
     LeafSystem,
     OutputPort,
@@ -21,6 +22,7 @@ from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckKind,
     CheckNames,
+    Refuse,
 )
 from teleop_drake.loops.framework.wiring import OutputPorts
 
@@ -96,6 +98,20 @@ def CheckSystem(path: str, value: Any) -> None:
     """
     allowed = "a System of Drake's, such as a Diagram; MakeDiagram(scenario) makes one"
     CheckKind(path, value, System, allowed)
+
+
+def CheckContext(system: System, context: Any) -> None:
+    """Refuses what is no Context of a System.
+
+    Raises:
+        ScenarioError: If it is something else, or a Context of another System.
+    """
+    allowed = f"one of {NameOf(system)}, as diagram.CreateDefaultContext() makes it"
+    CheckKind("context", context, Context, allowed)
+    try:
+        system.ValidateContext(context)
+    except (RuntimeError, SystemExit):
+        Refuse("context", "a Context", f"one of {NameOf(system)}")
 
 
 def ClassOf(system: System) -> str:
