@@ -415,6 +415,7 @@ class Reaches(Block):
     def declare(self):
         self.plant = SerialArm([0.5, 0.4], actuated=(0, 1))
         self.own = self.plant.CreateDefaultContext()
+        self.plant.get_body(BodyIndex(2)).SetMass(self.own, 1.7)
         self.tip = self.plant.get_body(BodyIndex(2)).body_frame()
 
     def calc(self, context, output):

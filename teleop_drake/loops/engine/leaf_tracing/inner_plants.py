@@ -14,7 +14,7 @@ from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
 from teleop_drake.loops.engine.leaf_tracing.inner_systems import InnerContext
 from teleop_drake.loops.engine.leaf_tracing.stand_ins import Copied, StandIn
 from teleop_drake.loops.engine.plant_springs import ForceElements
-from teleop_drake.loops.engine.plant_tree import NoTree, ReadPlantTree
+from teleop_drake.loops.engine.plant_tree import NoTree, PlantTree, ReadPlantTree
 from teleop_drake.loops.jit.following import Follow, Original
 from teleop_drake.loops.jit.symbolic_arrays import AsNumbers, Objects
 from teleop_drake.loops.jit.symbols import Untraceable
@@ -67,7 +67,7 @@ class InnerPlant(StandIn):
         self._reader = reader
         self._memory = memory
         self.kind = type(plant)
-        self._read = ReadPlantTree(plant, plant.CreateDefaultContext())
+        self._trees: dict[Any, PlantTree] = {}
 
     def __getattr__(self, name: str) -> Any:
         if name not in _CONSTANT:
@@ -122,22 +122,30 @@ class InnerPlant(StandIn):
             raise Untraceable(f"it does not set the {name} of a plant inside")
         return context.others[name]
 
+    def _Tree(self, context: InnerContext) -> PlantTree:
+        """Returns the plant with the parameters of a Context."""
+        own = context.original
+        if own not in self._trees:
+            self._trees[own] = ReadPlantTree(self._plant, own)
+        return self._trees[own]
+
     # Dynamics.
 
     def CalcMassMatrix(self, context: InnerContext) -> Any:
         q = self._Given(context, "positions")
-        return self._Dynamics(self._read.tree, q, 0.0 * q)[0]
+        return self._Dynamics(self._Tree(context).tree, q, 0.0 * q)[0]
 
     CalcMassMatrixViaInverseDynamics = CalcMassMatrix
 
     def CalcBiasTerm(self, context: InnerContext) -> Any:
         q = self._Given(context, "positions")
-        floating = self._read.tree._replace(gravity=np.zeros(3))
-        return self._Dynamics(floating, q, self._Given(context, "velocities"))[1]
+        v = self._Given(context, "velocities")
+        weightless = self._Tree(context).tree._replace(gravity=np.zeros(3))
+        return self._Dynamics(weightless, q, v)[1]
 
     def CalcGravityGeneralizedForces(self, context: InnerContext) -> Any:
         q = self._Given(context, "positions")
-        return -self._Dynamics(self._read.tree, q, 0.0 * q)[1]
+        return -self._Dynamics(self._Tree(context).tree, q, 0.0 * q)[1]
 
     def CalcForceElementsContribution(
         self, context: InnerContext, forces: InnerForces
@@ -145,7 +153,7 @@ class InnerPlant(StandIn):
         if any(ForceElements(self._plant)):
             raise Untraceable("a plant inside has springs")
         v = self._Given(context, "velocities")
-        forces.values[:] = -AsNumbers(self._read.tree.damping) * v
+        forces.values[:] = -AsNumbers(self._Tree(context).tree.damping) * v
         forces.has_gravity = True
 
     def CalcInverseDynamics(
@@ -203,17 +211,18 @@ class InnerPlant(StandIn):
         if Original(variable) != JacobianWrtVariable.kV:
             raise Untraceable("it takes a Jacobian with respect to positions")
         frame = Original(frame_B)
-        link, X_LB = self._read.poses[int(frame.body().index())]
+        q = self._Given(context, "positions")
+        read = self._Tree(context)
+        link, X_LB = read.poses[int(frame.body().index())]
         X_LF = X_LB @ frame.GetFixedPoseInBodyFrame()
         offset = AsNumbers(Objects(p_BP).ravel())
         point = AsNumbers(X_LF.rotation().matrix()) @ offset + X_LF.translation()
-        q = self._Given(context, "positions")
 
         def Calc(tree: Any, q: Any, link: int, point: Any) -> Any:
             motion = rigid_body.calc_motion(tree, q, 0.0 * q)
             return rigid_body.calc_jacobian(tree, motion, link, point)
 
-        return self._Call(Calc, self._read.tree, q, link, point)
+        return self._Call(Calc, read.tree, q, link, point)
 
     def _Call(self, function: Callable[..., Any], tree: Any, *numbers: Any) -> Any:
         """Calls a function of the package's, which computes as Drake does.

@@ -46,7 +46,11 @@ from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     IsPassed,
     Passed,
 )
-from teleop_drake.loops.engine.leaf_tracing.drake_math import MATH, Index
+from teleop_drake.loops.engine.leaf_tracing.drake_math import (
+    MATH,
+    Index,
+    NameOfClass,
+)
 from teleop_drake.loops.engine.leaf_tracing.graph_tape import TapeOf
 from teleop_drake.loops.engine.leaf_tracing.handlers import EventFinder, Handler
 from teleop_drake.loops.engine.leaf_tracing.inner_systems import (
@@ -86,13 +90,6 @@ _INPUT = 0.5
 _ENGINE = Path(__file__).parents[1]
 
 
-def _NameOfClass(value: Any) -> str:
-    """Returns the name of a class or a template of Drake's; else an empty text."""
-    if isinstance(value, type):
-        return value.__name__
-    return str(value.name) if type(value).__name__ == "TemplateClass" else ""
-
-
 class LeafReader:
     """Makes the kernel of a LeafSystem.
 
@@ -115,7 +112,7 @@ class LeafReader:
         self._terms: dict[int, Term] = {}
         self._symbolic: dict[Any, Any] = {}
         self._memory: dict[Any, Any] = {}
-        self._inside: dict[Any, LeafReader] = {}
+        self._inside: dict[Any, Any] = {}
         self._own: Any = None
         self._constants: Mapping[str, Any] = {}
         self._lock = threading.Lock()
@@ -148,6 +145,7 @@ class LeafReader:
             raise UnreadableLeaf(self.system, Advised(str(error))) from error
         finally:
             self.graph = self.context = self._own = None
+            self._inside.clear()
 
     def _Use(self, context: Context) -> None:
         """Takes the sizes and the parameters of a Context."""
@@ -456,7 +454,7 @@ class LeafReader:
             return Trajectory(value)
         if isinstance(value, Meshcat):
             return OwnMeshcat(self, value)
-        if _NameOfClass(value) in ("MultibodyForces", "MultibodyForces_"):
+        if NameOfClass(value) in ("MultibodyForces", "MultibodyForces_"):
             from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerForces
 
             return InnerForces
@@ -491,7 +489,9 @@ class LeafReader:
         if IsPlant(system):
             from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerPlant
 
-            return InnerPlant(system, self, self._memory)
+            if system not in self._inside:
+                self._inside[system] = InnerPlant(system, self, self._memory)
+            return self._inside[system]
         if system not in self._symbolic:
             self._symbolic[system] = system.ToSymbolicMaybe()
         symbolic = self._symbolic[system]
