@@ -20,6 +20,7 @@ from pydrake.symbolic import Variable, cos, sin, tanh
 from pydrake.systems import primitives as drake
 from pydrake.systems.controllers import (
     DiscreteTimeLinearQuadraticRegulator,
+    FiniteHorizonLinearQuadraticRegulator,
     LinearQuadraticRegulator,
     MakeFiniteHorizonLinearQuadraticRegulator,
 )
@@ -235,6 +236,33 @@ def DoubleIntegratorWithFiniteHorizon(builder):
     return {plant: [1.0, -0.5]}
 
 
+class FiniteHorizonLaw(LeafSystem):
+    """The regulator of a finite horizon, from the trajectories that Drake finds."""
+
+    def __init__(self, result):
+        LeafSystem.__init__(self)
+        self.result = result
+        self.DeclareVectorInputPort("state", 2)
+        self.DeclareVectorOutputPort("control", 1, self.CalcControl)
+
+    def CalcControl(self, context, control):
+        t = context.get_time()
+        error = self.get_input_port().Eval(context) - self.result.x0.value(t)[:, 0]
+        feedback = self.result.K.value(t) @ error + self.result.k0.value(t)[:, 0]
+        control.SetFromVector(self.result.u0.value(t)[:, 0] - feedback)
+
+
+def DoubleIntegratorWithFiniteHorizonInPython(builder):
+    plant = Add(builder, "plant", DoubleIntegrator())
+    context = plant.CreateDefaultContext()
+    plant.get_input_port().FixValue(context, [0.0])
+    result = FiniteHorizonLinearQuadraticRegulator(
+        plant, context, 0.0, 1.0, np.eye(2), np.eye(1)
+    )
+    Loop(builder, plant, Add(builder, "law", FiniteHorizonLaw(result)))
+    return {plant: [1.0, -0.5]}
+
+
 def Glider(builder):
     """A glider that perches: a flat plate with a velocity, in Python."""
 
@@ -398,6 +426,11 @@ UNDERACTUATED = [
         DoubleIntegratorWithFiniteHorizon,
         "a time-varying regulator",
         "it has no symbolic form",
+    ),
+    Published(
+        "finite horizon in Python",
+        DoubleIntegratorWithFiniteHorizonInPython,
+        "trajectories in Python",
     ),
     Published("perching glider", Glider, "aerodynamics in Python"),
     Published("spring loaded hopper", SpringLoadedHopper, "a stiff spring in Python"),
