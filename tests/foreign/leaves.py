@@ -422,7 +422,9 @@ class Reaches(Block):
         plant = self.plant
         world = plant.world_frame()
         q = self.u.Eval(context)
-        plant.SetPositionsAndVelocities(self.own, np.concatenate([q, q[::-1]]))
+        arm = plant.GetModelInstanceByName("arm")
+        x = np.concatenate([q, q[::-1]])
+        plant.SetPositionsAndVelocities(self.own, arm, x)
         point = [0.1, 0.02, 0.3]
         J = plant.CalcJacobianTranslationalVelocity(
             self.own, JacobianWrtVariable.kV, self.tip, point, world, world

@@ -98,10 +98,8 @@ class InnerPlant(StandIn):
 
     def SetPositionsAndVelocities(self, context: InnerContext, *x: Any) -> None:
         n = self._plant.num_positions()
-        if len(x) != 1:
-            raise Untraceable("it sets a model instance of a plant inside")
-        self.SetPositions(context, x[0][:n])
-        self.SetVelocities(context, x[0][n:])
+        self.SetPositions(context, x[-1][:n])
+        self.SetVelocities(context, x[-1][n:])
 
     def GetPositions(self, context: InnerContext) -> Any:
         return Copied(self._Given(context, "positions"))
@@ -110,8 +108,9 @@ class InnerPlant(StandIn):
         return Copied(self._Given(context, "velocities"))
 
     def _Whole(self, arguments: tuple[Any, ...]) -> Any:
+        """Returns the values of all joints, perhaps after their model instance."""
         values = Objects(arguments[-1]).ravel()
-        if len(arguments) != 1 or len(values) != self._plant.num_velocities():
+        if len(values) != self._plant.num_velocities():
             raise Untraceable("it sets a part of the state of a plant inside")
         return AsNumbers(values)
 
