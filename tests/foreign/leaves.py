@@ -457,6 +457,8 @@ class InnerContextAsDefault(Block):
 
 class Twice(Sum):
     def calc(self, context, output):
+        if not self.u.HasValue(context):
+            return
         super().calc(context, output)
         output[0] = 2 * output[0]
 

@@ -23,6 +23,10 @@ class _Input(OwnInput):
     def FixValue(self, context: InnerContext, value: Any) -> None:
         context.others[self.get_index()] = Objects(value).ravel()
 
+    def HasValue(self, context: Any) -> bool:
+        is_set = self.get_index() in self._reader.inside.others
+        return is_set or OwnInput.HasValue(self, context)
+
 
 class _Output(OwnOutput):
     """An output port of the inner block; the outer block evaluates it."""
@@ -36,6 +40,9 @@ class _Output(OwnOutput):
 class InnerReader(LeafReader):
     """Follows the functions of a block that another block has inside.
 
+    Attributes:
+        inside: The Context in which the outer block evaluates it.
+
     Args:
         system: The inner block.
         outer: The reader of the outer block.
@@ -46,19 +53,19 @@ class InnerReader(LeafReader):
         LeafReader.__init__(self, system)
         self._outer = outer
         self._memory = memory
-        self._context: Any = None
+        self.inside: Any = None
 
     def Port(self, port: Any) -> Any:
         return (_Input if isinstance(port, InputPort) else _Output)(self, port)
 
     def InlineIn(self, context: InnerContext, port: Any) -> Any:
         """Returns the value of an output in a Context of the inner block."""
-        self._context = context
+        self.inside = context
         self._Use(context.original)
         return self.Inline(port)
 
     def Load(self, name: str) -> Any:
-        context = self._context
+        context = self.inside
         if name in self._parameters:
             return AsNumbers(self._parameters[name])
         if name == "state":
