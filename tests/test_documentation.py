@@ -84,8 +84,9 @@ def test_the_pages_can_be_read_in_an_hour():
 
 
 @pytest.mark.filterwarnings("error")
-def test_examples_run(capsys):
+def test_examples_run(capsys, tmp_path, monkeypatch):
     """Each as a script of its own."""
+    monkeypatch.chdir(tmp_path)
     blocks = Blocks("python")
     assert len(blocks) == 11
     for block in blocks:

@@ -101,6 +101,31 @@ def Loop(name="gain"):
             "diagram.CreateDefaultContext() makes it",
         ),
         (
+            "simulate",
+            {"scenario": DIAGRAM, "duration": 1.0, "context": 3},
+            "context = 3: must be one of Diagram, as diagram.CreateDefaultContext()",
+        ),
+        (
+            "simulate",
+            {"scenario": DIAGRAM, "duration": "1 s"},
+            "duration = '1 s': must be a finite number > 0 (s)",
+        ),
+        (
+            "simulate",
+            {"scenario": DIAGRAM, "duration": 1.0, "simulator": "rk3"},
+            "simulator = 'rk3': must be Drake's SimulatorConfig",
+        ),
+        (
+            "MakeSimulator",
+            {"diagram": DIAGRAM, "config": None},
+            "config = null: must be Drake's SimulatorConfig",
+        ),
+        (
+            "NamedParameters",
+            {"diagram": DIAGRAM, "context": 3},
+            "context = 3: must be one of Diagram",
+        ),
+        (
             "DelayMargin",
             {**Loop(), "context": MakeLoop().CreateDefaultContext()},
             "context = 'a Context': must be one of Diagram",

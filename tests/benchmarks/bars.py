@@ -14,7 +14,7 @@ import time
 from functools import partial
 
 from benchmarks.measuring import Alternate, Options, Table
-from foreign.test_foreign import SYSTEMS
+from benchmarks.published_systems import SYSTEMS
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
 from teleop_drake import Compile, simulate

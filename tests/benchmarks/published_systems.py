@@ -1,13 +1,15 @@
 """Copies of published systems: drawn, run, compiled, a page, and times.
 
-`python tests/benchmarks/published_systems.py` prints a row for each system of
-tests/foreign, or for those that are named. The last two columns say how many
+`python tests/benchmarks/published_systems.py` tries the systems of tests/foreign, or
+those that are named, and prints a row for each; `--write` writes the rows into
+docs/published_systems.md, where it keeps the others. The last two columns say how many
 times as much processor time as a compiled run of 10 s Drake's Simulator takes: with its
 default settings, where the compiled run has the same accuracy, and with the same
 settings in both. They are ratios of medians of runs that take turns, to one significant
 digit. Compiling is not a part of it. A dash: Drake's run ends with an error.
 """
 
+import argparse
 import functools
 import math
 import sys
@@ -19,16 +21,25 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks.measuring import Alternate, OneDigit
-from foreign.test_foreign import SYSTEMS
+from foreign.drake_examples import DRAKE
+from foreign.manipulation import MANIPULATION
+from foreign.underactuated import UNDERACTUATED
 from foreign.wiring import Published
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, System
 
 from teleop_drake import WritePage
 from teleop_drake.loops.draw.block_diagram import DiagramDot
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.engine.run import CompiledRun
+
+SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]
+
+PAGE = Path(__file__).parents[2] / "teleop_drake/docs/published_systems.md"
+HEAD = (
+    "| copy of | stands for | drawn | run | compiled | page | default | same settings |"
+)
 
 DURATION = 10.0
 REPEATS = 7
@@ -73,20 +84,32 @@ def compiled_runner(
     return run
 
 
-def row(system: Published) -> list[str]:
-    """Returns the cells of a system."""
+def CellsOf(system: Published) -> list[str]:
+    """Returns what the tests hold a system to, the cells before the times."""
+    compiled = f"no: {system.obstacle}" if system.obstacle else "yes"
+    page = "no" if system.obstacle else "yes"
+    return [system.name, system.stands_for, "yes", "yes", compiled, page]
+
+
+def row(system: Published) -> str:
+    """Returns the row of a system, of which everything is tried."""
     diagram, context = system.Make()
-    drawn = "yes" if DiagramDot(diagram) else "no"
+    assert DiagramDot(diagram).startswith("digraph")
+    simulator = Simulator(diagram, context.Clone())
+    simulator.get_mutable_context().SetAccuracy(1e-3)
+    simulator.AdvanceTo(0.1)
+    ratios = ["", ""]
     try:
         evaluator = Evaluator(diagram, context, as_machine_code=True)
-    except UnsupportedSystem:
-        simulator = Simulator(diagram, context)
-        simulator.get_mutable_context().SetAccuracy(1e-3)
-        simulator.AdvanceTo(0.1)
-        return [system.name, drawn, "yes", "no", "no", "", ""]
-    has_page = "yes" if is_page(diagram) else "no"
-    ratios = [time_ratio(evaluator, context, config) for config in (DEFAULT, SAME)]
-    return [system.name, drawn, "yes", "yes", has_page, *ratios]
+    except UnsupportedSystem as error:
+        assert system.obstacle
+        assert system.obstacle in str(error)
+    else:
+        assert not system.obstacle
+        with tempfile.TemporaryDirectory() as folder:
+            WritePage(diagram, Path(folder) / "page.html", context=context)
+        ratios = [time_ratio(evaluator, context, x) for x in (DEFAULT, SAME)]
+    return f"| {' | '.join([*CellsOf(system), *ratios])} |"
 
 
 def time_ratio(evaluator: Evaluator, context: Context, config: SimulatorConfig) -> str:
@@ -122,21 +145,26 @@ def repeat(run: Callable[[], None], count: int) -> None:
         run()
 
 
-def is_page(diagram: Diagram) -> bool:
-    """Returns whether a diagram becomes a page."""
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            WritePage(diagram, Path(folder) / "page.html")
-        except (ValueError, KeyError) as error:
-            print(f"{diagram.get_name()}: {error}", file=sys.stderr)
-            return False
-    return True
+def WriteRows(rows: dict[str, str]) -> None:
+    """Writes the rows of systems, by name, into the page; the others remain."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    first = lines.index(HEAD)
+    before = {line.split(" | ")[0].strip("| "): line for line in lines[first + 2 :]}
+    known = before | rows
+    table = [known[system.name] for system in SYSTEMS if system.name in known]
+    text = "\n".join([*lines[: first + 2], *table])
+    PAGE.write_text(f"{text}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    # Of all systems, or of those that are named.
-    chosen = [x for x in SYSTEMS if not sys.argv[1:] or x.name in sys.argv[1:]]
-    print("| copy of | drawn | run | compiled | page | default | same settings |")
-    print("|---|---|---|---|---|---|---|")
-    for each in chosen:
-        print(f"| {' | '.join(row(each))} |", flush=True)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="of systems; none: all")
+    parser.add_argument("--write", action="store_true", help="into the page")
+    arguments = parser.parse_args()
+    found = {}
+    for each in SYSTEMS:
+        if not arguments.names or each.name in arguments.names:
+            found[each.name] = row(each)
+            print(found[each.name], flush=True)
+    if arguments.write:
+        WriteRows(found)

@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from foreign.wiring import SerialArm
 from pydrake.common.containers import namedview
 from pydrake.common.value import AbstractValue
 from pydrake.examples import PendulumParams, PendulumPlant
@@ -19,6 +20,12 @@ from pydrake.math import RotationMatrix_, wrap_to
 from pydrake.math import cos as drake_cos
 from pydrake.math import sin as drake_sin
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    BodyIndex,
+    JacobianWrtVariable,
+    MultibodyForces,
+    MultibodyForces_,
+)
 from pydrake.systems.framework import (
     BasicVector,
     EventStatus,
@@ -32,6 +39,7 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 from pydrake.systems.primitives import LinearSystem
+from pydrake.systems.pyplot_visualizer import PyPlotVisualizer
 from pydrake.systems.scalar_conversion import TemplateSystem
 from pydrake.trajectories import PiecewisePolynomial
 
@@ -360,18 +368,76 @@ class EnergyShaping(Block):
 
 
 class ModelInside(Block):
+    """A model whose port is kept, as where a law predicts the rate of its plant."""
+
     num_outputs = 2
 
     def declare(self):
         A = [[0.0, 1.0], [-2.0, -0.3]]
         self.model = LinearSystem(A, [[0.0], [1.0]], np.eye(2), np.zeros((2, 1)))
         self.own = self.model.CreateDefaultContext()
+        self.port = self.model.get_input_port()
 
     def calc(self, context, output):
         self.own.SetContinuousState(self.u.Eval(context))
-        self.model.get_input_port().FixValue(self.own, [0.5])
+        self.port.FixValue(self.own, [0.5])
         rate = self.model.EvalTimeDerivatives(self.own).CopyToVector()
         output.SetFromVector(rate + self.model.get_output_port().Eval(self.own))
+
+
+class CancelsDynamics(Block):
+    """The plant's own equations, in a Context that each call makes."""
+
+    num_outputs = 2
+
+    def declare(self):
+        self.plant = SerialArm([0.5, 0.4], actuated=(0, 1))
+
+    def calc(self, context, output):
+        q = self.u.Eval(context)
+        own = self.plant.CreateDefaultContext()
+        self.plant.SetPositions(own, q)
+        self.plant.SetVelocities(own, q[::-1])
+        forces = MultibodyForces_(self.plant)
+        self.plant.CalcForceElementsContribution(own, forces)
+        torque = self.plant.CalcMassMatrixViaInverseDynamics(own) @ [0.3, -0.2]
+        torque += self.plant.CalcBiasTerm(own) - forces.generalized_forces()
+        torque -= 0.5 * self.plant.CalcGeneralizedForces(own, forces)
+        torque -= self.plant.CalcGravityGeneralizedForces(own)
+        output.SetFromVector(self.plant.MakeActuationMatrix().T @ torque)
+
+
+class Reaches(Block):
+    """A spring at a point of a plant inside, whose weight is carried."""
+
+    num_outputs = 2
+
+    def declare(self):
+        self.plant = SerialArm([0.5, 0.4], actuated=(0, 1))
+        self.own = self.plant.CreateDefaultContext()
+        self.plant.get_body(BodyIndex(2)).SetMass(self.own, 1.7)
+        self.tip = self.plant.get_body(BodyIndex(2)).body_frame()
+
+    def calc(self, context, output):
+        plant = self.plant
+        world = plant.world_frame()
+        q = self.u.Eval(context)
+        arm = plant.GetModelInstanceByName("arm")
+        x = np.concatenate([q, q[::-1]])
+        plant.SetPositionsAndVelocities(self.own, arm, x)
+        point = [0.1, 0.02, 0.3]
+        J = plant.CalcJacobianTranslationalVelocity(
+            self.own, JacobianWrtVariable.kV, self.tip, point, world, world
+        )
+        p = plant.CalcPointsPositions(self.own, self.tip, point, world).ravel()
+        J_w = plant.CalcJacobianSpatialVelocity(
+            self.own, JacobianWrtVariable.kV, self.tip, point, world, world
+        )
+        force = -3.0 * p - J @ plant.GetVelocities(self.own) + J_w[:3] @ q
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(self.own, forces)
+        carried = plant.CalcInverseDynamics(self.own, np.array([0.1, 0.2]), forces)
+        output.SetFromVector(J.T @ force + carried)
 
 
 class InnerContextAsDefault(Block):
@@ -389,7 +455,57 @@ class InnerContextAsDefault(Block):
         self.calc = functools.partial(energy, other=plant.CreateDefaultContext())
 
 
+class Twice(Sum):
+    def calc(self, context, output):
+        if not self.u.HasValue(context):
+            return
+        super().calc(context, output)
+        output[0] = 2 * output[0]
+
+
+class Switched(Block):
+    """Two laws that are blocks themselves, as where one swings up and one balances."""
+
+    def declare(self):
+        self.swing = EnergyShaping()
+        self.swing_context = self.swing.CreateDefaultContext()
+        self.walk = Walk()
+        self.walk_context = self.walk.CreateDefaultContext()
+        self.twice = Twice()
+        self.twice_context = self.twice.CreateDefaultContext()
+
+    def calc(self, context, output):
+        u = self.u.Eval(context)
+        if abs(u[0]) < 0.5:
+            self.walk.u.FixValue(self.walk_context, 2 * u)
+            self.walk_context.SetTime(context.get_time())
+            self.walk_context.SetContinuousState([u[1]])
+            output.SetFromVector(self.walk.GetOutputPort("y").Eval(self.walk_context))
+        else:
+            self.swing.get_input_port().FixValue(self.swing_context, u)
+            output[0] = self.swing.get_output_port().Eval(self.swing_context)[0]
+            self.twice.get_input_port().FixValue(self.twice_context, u)
+            output[0] += self.twice.get_output_port().Eval(self.twice_context)[0]
+
+
 # With states.
+
+
+class Walk(Block):
+    """Its rate, output and numbers depend on all that a Context has."""
+
+    def declare(self):
+        self.DeclareContinuousState(1)
+        self.DeclareNumericParameter(BasicVector([0.3]))
+
+    def calc(self, context, output):
+        x = context.get_continuous_state_vector()[0]
+        gain = context.get_numeric_parameter(0)[0]
+        output[0] = gain * x * self.u.Eval(context)[0] + context.get_time()
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        derivatives.get_mutable_vector().SetAtIndex(0, self.u.Eval(context)[1])
+
 
 State = namedview("State", ["angle", "rate"])
 
@@ -635,9 +751,8 @@ READ = [
     Minimal, Matrix, Solved, Looked, Looped, Helped, Inherited, WithDataclass,
     WithTable, WithCachedFunction, partial_block, TwoOutputs, Cached, Optional,
     Parameters, Path, EnergyShaping, ModelInside, Pendulum, Named, Pid, Filter,
-    InnerContextAsDefault, TwoRates, SameRate, Held, Sampled, ContinuousVectors,
-    DiscreteVectors,
-    Vehicle_[None], SymbolicVehicle,
+    CancelsDynamics, Reaches, Switched, Walk, InnerContextAsDefault, TwoRates, SameRate,
+    Held, Sampled, ContinuousVectors, DiscreteVectors, Vehicle_[None], SymbolicVehicle,
 ]  # fmt: skip
 
 
@@ -655,6 +770,10 @@ class Refused(Block):
         self.rng = np.random.default_rng(0)
         self.pendulum = PendulumPlant()
         self.own = self.pendulum.CreateDefaultContext()
+        self.walk = Walk()
+        self.walking = self.walk.CreateDefaultContext()
+        self.arm = SerialArm([0.5, 0.4], actuated=(0, 1))
+        self.armed = self.arm.CreateDefaultContext()
 
 
 class Assigns(Refused):
@@ -702,6 +821,12 @@ class Prints(Refused):
         output[0] = 0.0
 
 
+class MakesText(Refused):
+    def calc(self, context, output):
+        text = f"{context.get_time():.3f} s"
+        output[0] = len(text)
+
+
 class Catches(Refused):
     def calc(self, context, output):
         try:
@@ -725,12 +850,25 @@ class ReadsFile(Refused):
 
 class HasPlant(Refused):
     def calc(self, context, output):
-        output[0] = self.plant.num_positions()
+        output[0] = self.plant.CalcTotalMass(self.plant.CreateDefaultContext())
+
+
+class SetsNoVelocity(Refused):
+    def calc(self, context, output):
+        self.arm.SetPositions(self.armed, self.u.Eval(context))
+        output.SetFromVector(self.arm.CalcBiasTerm(self.armed)[:1])
 
 
 class SetsNoState(Refused):
     def calc(self, context, output):
         output[0] = self.pendulum.EvalKineticEnergy(self.own)
+
+
+class SetsNoTime(Refused):
+    def calc(self, context, output):
+        self.walking.SetContinuousState([0.2])
+        self.walk.u.FixValue(self.walking, self.u.Eval(context))
+        output.SetFromVector(self.walk.get_output_port().Eval(self.walking))
 
 
 class CountsInGlobal(Refused):
@@ -871,11 +1009,14 @@ REFUSED = {
     DrawsFromGenerator: r"self.rng.normal\(\)",
     ReadsClock: r"context.get_time\(\)",
     Prints: r"print\(\)",
+    MakesText: "it makes text .*; print in an event",
     Catches: "catches errors",
     Raises: "too large",
     ReadsFile: r"calc\(\), line \d+: ",
-    HasPlant: "it has a MultibodyPlant inside; connect it",
+    HasPlant: r"it calls CalcTotalMass\(\) of a plant inside; connect it",
+    SetsNoVelocity: "it does not set the velocities of a plant inside",
     SetsNoState: "that it has not set",
+    SetsNoTime: "does not set the time of a block inside",
     CountsInGlobal: "global variable",
     CountsInClass: r"a call of type\(\)",
     LeavesOut: "element 1",
@@ -961,6 +1102,17 @@ class Monitor(Logger):
         if context.get_time() > 0.35:
             return EventStatus.ReachedTermination(self, "enough")
         return EventStatus.Succeeded()
+
+
+class Picture(PyPlotVisualizer):
+    """It draws with matplotlib, as the notebooks of courses do."""
+
+    def __init__(self):
+        PyPlotVisualizer.__init__(self, show=False)
+        self.DeclareVectorInputPort("u", 2)
+
+    def draw(self, context):
+        self.ax.plot(*self.get_input_port().Eval(context), "k.")
 
 
 class Drawing(LeafSystem):

@@ -2,6 +2,8 @@
 
 import numpy as np
 from foreign.wiring import Add, Own, Published, SerialArm
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PlanarJoint, RevoluteJoint, SpatialInertia
 from pydrake.systems import primitives as drake
 from pydrake.systems.controllers import (
     InverseDynamics,
@@ -135,15 +137,49 @@ def PositionInterface(builder):
     return {plant: START}
 
 
+def PushedDisc(builder):
+    """A disc that slides and turns on a plane, and carries an arm with a motor."""
+    plant = Add(builder, "plant", MultibodyPlant(0.001))
+    plant.set_name("plant")
+    inertia = SpatialInertia.SolidCylinderWithMass(2.0, 0.2, 0.1, [0.0, 0.0, 1.0])
+    disc = plant.AddRigidBody("disc", inertia)
+    plant.AddJoint(
+        PlanarJoint("plane", plant.world_frame(), disc.body_frame(), [0.5, 0.5, 0.1])
+    )
+    link = plant.AddRigidBody("link", inertia)
+    hinge = RevoluteJoint("hinge", disc.body_frame(), link.body_frame(), [0, 1, 0])
+    plant.AddJointActuator("motor", plant.AddJoint(hinge))
+    plant.Finalize()
+    command = Add(builder, "command", drake.Sine(2.0, 3.0, 0.0, 1))
+    builder.Connect(command.get_output_port(0), plant.get_actuation_input_port())
+    return {plant: [0.0, 0.0, 0.3, 0.5, 0.4, -0.2, 2.0, 0.0]}
+
+
 MANIPULATION = [
-    Published("arm with PID", ArmWithPid, compiles=True),
-    Published("arm in steps with PID", ArmWithPidInSteps, compiles=True),
-    Published("arm of seven joints", ArmOfSevenJoints, compiles=True),
-    Published("arm of a model instance", ArmOfAModelInstance, compiles=True),
-    Published("arm with limits", ArmWithLimits, compiles=False),
-    Published("inverse dynamics", ArmWithInverseDynamics, compiles=True),
-    Published("gravity compensation", ArmWithoutWeight, compiles=True),
-    Published("joint stiffness", StiffArm, compiles=True),
-    Published("own law", ArmWithOwnLaw, compiles=True),
-    Published("position interface", PositionInterface, compiles=True),
+    Published("arm with PID", ArmWithPid, "a plant with motors"),
+    Published(
+        "arm in steps with PID",
+        ArmWithPidInSteps,
+        "a discrete plant in a continuous loop",
+    ),
+    Published("arm of seven joints", ArmOfSevenJoints, "a long chain"),
+    Published("arm of a model instance", ArmOfAModelInstance, "ports of an instance"),
+    Published(
+        "arm with limits",
+        ArmWithLimits,
+        "joints with limits in a discrete plant",
+        "it is discrete, and joint joint 0 has limits",
+    ),
+    Published(
+        "inverse dynamics", ArmWithInverseDynamics, "`InverseDynamicsController`"
+    ),
+    Published("gravity compensation", ArmWithoutWeight, "`InverseDynamics`"),
+    Published("joint stiffness", StiffArm, "`JointStiffnessController`"),
+    Published("own law", ArmWithOwnLaw, "a law in Python"),
+    Published(
+        "position interface",
+        PositionInterface,
+        "`StateInterpolatorWithDiscreteDerivative`",
+    ),
+    Published("pushed disc", PushedDisc, "a planar joint"),
 ]

@@ -248,10 +248,12 @@ def test_a_template_with_lqr_and_an_open_input(is_read):
 
 
 def test_sinks_are_left_out_and_named():
-    diagram, context = wired(leaves.Sum, leaves.Logger, leaves.Drawing)
+    diagram, context = wired(leaves.Sum, leaves.Logger, leaves.Drawing, leaves.Picture)
     run = simulate(diagram, context=context, duration=0.2)
     assert run.solver.engine == "compiled"
-    assert run.notes[0].startswith("block1, block2: left out of the compiled run")
+    assert run.notes[0].startswith(
+        "block1, block2, block3: left out of the compiled run"
+    )
     assert diagram.GetSubsystemByName("block1").log == []
 
 

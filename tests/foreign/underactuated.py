@@ -11,7 +11,8 @@ from foreign.wiring import (
     StateFeedback,
 )
 from pydrake.common import FindResourceOrThrow
-from pydrake.examples import AcrobotPlant, PendulumPlant
+from pydrake.examples import AcrobotPlant, PendulumGeometry, PendulumPlant
+from pydrake.geometry import SceneGraph
 from pydrake.math import BarycentricMesh
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -19,9 +20,15 @@ from pydrake.symbolic import Variable, cos, sin, tanh
 from pydrake.systems import primitives as drake
 from pydrake.systems.controllers import (
     DiscreteTimeLinearQuadraticRegulator,
+    FiniteHorizonLinearQuadraticRegulator,
     LinearQuadraticRegulator,
     MakeFiniteHorizonLinearQuadraticRegulator,
 )
+from pydrake.systems.framework import LeafSystem, WitnessFunctionDirection
+from pydrake.systems.planar_scenegraph_visualizer import (
+    ConnectPlanarSceneGraphVisualizer,
+)
+from pydrake.systems.pyplot_visualizer import PyPlotVisualizer
 
 
 def Regulator(plant, x0, u0, Q, R, actuation=None, state=None):
@@ -229,6 +236,33 @@ def DoubleIntegratorWithFiniteHorizon(builder):
     return {plant: [1.0, -0.5]}
 
 
+class FiniteHorizonLaw(LeafSystem):
+    """The regulator of a finite horizon, from the trajectories that Drake finds."""
+
+    def __init__(self, result):
+        LeafSystem.__init__(self)
+        self.result = result
+        self.DeclareVectorInputPort("state", 2)
+        self.DeclareVectorOutputPort("control", 1, self.CalcControl)
+
+    def CalcControl(self, context, control):
+        t = context.get_time()
+        error = self.get_input_port().Eval(context) - self.result.x0.value(t)[:, 0]
+        feedback = self.result.K.value(t) @ error + self.result.k0.value(t)[:, 0]
+        control.SetFromVector(self.result.u0.value(t)[:, 0] - feedback)
+
+
+def DoubleIntegratorWithFiniteHorizonInPython(builder):
+    plant = Add(builder, "plant", DoubleIntegrator())
+    context = plant.CreateDefaultContext()
+    plant.get_input_port().FixValue(context, [0.0])
+    result = FiniteHorizonLinearQuadraticRegulator(
+        plant, context, 0.0, 1.0, np.eye(2), np.eye(1)
+    )
+    Loop(builder, plant, Add(builder, "law", FiniteHorizonLaw(result)))
+    return {plant: [1.0, -0.5]}
+
+
 def Glider(builder):
     """A glider that perches: a flat plate with a velocity, in Python."""
 
@@ -258,24 +292,160 @@ def TriplePendulum(builder):
     return {plant: [1.0, 0.3, -0.2, 0.0, 0.0, 0.0]}
 
 
+class Picture(PyPlotVisualizer):
+    """It draws with matplotlib."""
+
+    def __init__(self):
+        PyPlotVisualizer.__init__(self, show=False)
+        self.DeclareVectorInputPort("state", 2)
+
+    def draw(self, context):
+        self.ax.plot(*self.get_input_port().Eval(context), "k.")
+
+
+def PendulumInAPicture(builder):
+    plant = Add(builder, "plant", PendulumPlant())
+    picture = Add(builder, "picture", Picture())
+    scene = Add(builder, "scene", SceneGraph())
+    PendulumGeometry.AddToBuilder(builder, plant.get_state_output_port(), scene)
+    ConnectPlanarSceneGraphVisualizer(builder, scene, show=False)
+    torque = Add(builder, "torque", drake.ConstantVectorSource([0.1]))
+    builder.Connect(torque.get_output_port(), plant.get_input_port())
+    builder.Connect(plant.get_state_output_port(), picture.get_input_port())
+    return {plant: [1.0, 0.0]}
+
+
+class SwingUpAndBalance(LeafSystem):
+    """It has two laws inside that are blocks: one swings up, the other balances."""
+
+    def __init__(self, balance):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("state", 2)
+        self.DeclareVectorOutputPort("torque", 1, self.CalcTorque)
+        self.swing = Own((2, 0, 1), lambda t, x, u: [-0.5 * u[1] * (u[1] ** 2 - 20)])
+        self.swing_context = self.swing.CreateDefaultContext()
+        self.balance = balance
+        self.balance_context = balance.CreateDefaultContext()
+
+    def CalcTorque(self, context, torque):
+        state = self.get_input_port().Eval(context)
+        error = state - [np.pi, 0.0]
+        if error.dot(error) < 0.3:
+            self.balance.get_input_port().FixValue(self.balance_context, state)
+            port = self.balance.get_output_port()
+            torque.SetFromVector(port.Eval(self.balance_context))
+        else:
+            self.swing.get_input_port().FixValue(self.swing_context, state)
+            port = self.swing.get_output_port()
+            torque.SetFromVector(port.Eval(self.swing_context))
+
+
+def PendulumWithTwoLaws(builder):
+    plant = Add(builder, "plant", PendulumPlant())
+    balance = drake.AffineSystem(D=[[-20.0, -4.0]], y0=[20.0 * np.pi])
+    law = Add(builder, "law", SwingUpAndBalance(balance))
+    builder.Connect(plant.get_state_output_port(), law.get_input_port())
+    builder.Connect(law.get_output_port(), plant.get_input_port())
+    return {plant: [2.7, 0.3]}
+
+
+class CancelledDynamics(LeafSystem):
+    """It cancels what its plant does, and lets it swing as a pendulum would."""
+
+    def __init__(self, plant):
+        LeafSystem.__init__(self)
+        self.plant = plant
+        self.own = plant.CreateDefaultContext()
+        self.DeclareVectorInputPort("state", 4)
+        self.DeclareVectorOutputPort("torque", 2, self.CalcTorque)
+
+    def CalcTorque(self, context, torque):
+        state = self.get_input_port().Eval(context)
+        self.plant.SetPositionsAndVelocities(self.own, state)
+        M = self.plant.CalcMassMatrix(self.own)
+        weight = self.plant.CalcGravityGeneralizedForces(self.own)
+        wish = [-5 * np.sin(state[0]) - 0.1 * state[2], -state[1] - 0.1 * state[3]]
+        torque.SetFromVector(M @ wish + self.plant.CalcBiasTerm(self.own) - weight)
+
+
+def DoublePendulumLikeAPendulum(builder):
+    plant = Add(builder, "plant", SerialArm([0.5, 0.4]))
+    law = Add(builder, "law", CancelledDynamics(plant))
+    builder.Connect(plant.get_state_output_port(), law.get_input_port())
+    builder.Connect(law.get_output_port(), plant.get_actuation_input_port())
+    return {plant: [1.0, 0.0, 0.2, 0.0]}
+
+
+class ReturnMap(LeafSystem):
+    """An oscillator with a witness function where it passes a section."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareStateOutputPort("state", self.DeclareContinuousState(2))
+        self.section = self.MakeWitnessFunction(
+            "section", WitnessFunctionDirection.kNegativeThenNonNegative, self.Height
+        )
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        x, v = context.get_continuous_state_vector().CopyToVector()
+        derivatives.get_mutable_vector().SetFromVector([v, (1 - x * x) * v / 5 - x])
+
+    def Height(self, context):
+        return context.get_continuous_state_vector()[0]
+
+    def DoGetWitnessFunctions(self, context):
+        return [self.section]
+
+
+def OscillatorWithAReturnMap(builder):
+    return {Add(builder, "oscillator", ReturnMap()): [0.1, 1.0]}
+
+
 UNDERACTUATED = [
-    Published("pendulum with LQR", PendulumWithLqr, compiles=True),
-    Published("pendulum with wrapped LQR", PendulumWithWrappedLqr, compiles=True),
-    Published("pendulum with policy", PendulumWithPolicy, compiles=True),
-    Published("pendulum swings up", PendulumSwingsUp, compiles=True),
-    Published("pendulum, limited torque", PendulumWithLimitedTorque, compiles=True),
-    Published("pendulum with network", PendulumWithNetwork, compiles=True),
-    Published("acrobot with LQR", AcrobotWithLqr, compiles=True),
-    Published("cart-pole with LQR", CartPoleWithLqr, compiles=True),
-    Published("Lorenz attractor", Lorenz, compiles=True),
-    Published("autapse", Autapse, compiles=True),
-    Published("planar quadrotor with LQR", PlanarQuadrotor, compiles=True),
-    Published("Dubins car", DubinsCar, compiles=True),
-    Published("double integrator, LQR", DoubleIntegratorWithLqr, compiles=True),
-    Published("double integrator in steps", DoubleIntegratorInSteps, compiles=True),
-    Published("minimal time", DoubleIntegratorInMinimalTime, compiles=True),
-    Published("finite horizon", DoubleIntegratorWithFiniteHorizon, compiles=False),
-    Published("perching glider", Glider, compiles=True),
-    Published("spring loaded hopper", SpringLoadedHopper, compiles=True),
-    Published("triple pendulum", TriplePendulum, compiles=True),
+    Published("pendulum with LQR", PendulumWithLqr, "`LinearQuadraticRegulator`"),
+    Published("pendulum with wrapped LQR", PendulumWithWrappedLqr, "`WrapToSystem`"),
+    Published("pendulum with policy", PendulumWithPolicy, "`BarycentricMeshSystem`"),
+    Published("pendulum swings up", PendulumSwingsUp, "energy shaping in Python"),
+    Published("pendulum, limited torque", PendulumWithLimitedTorque, "`Saturation`"),
+    Published("pendulum with network", PendulumWithNetwork, "`MultilayerPerceptron`"),
+    Published("acrobot with LQR", AcrobotWithLqr, "`AffineSystem`"),
+    Published("cart-pole with LQR", CartPoleWithLqr, "a plant of an instance"),
+    Published("Lorenz attractor", Lorenz, "chaos"),
+    Published("autapse", Autapse, "`tanh` in Python"),
+    Published("planar quadrotor with LQR", PlanarQuadrotor, "trigonometry in symbols"),
+    Published("Dubins car", DubinsCar, "a vehicle in Python"),
+    Published("double integrator, LQR", DoubleIntegratorWithLqr, "`LinearSystem`"),
+    Published(
+        "double integrator in steps",
+        DoubleIntegratorInSteps,
+        "`LinearSystem` with a period",
+    ),
+    Published("minimal time", DoubleIntegratorInMinimalTime, "branches in Python"),
+    Published(
+        "finite horizon",
+        DoubleIntegratorWithFiniteHorizon,
+        "a time-varying regulator",
+        "it has no symbolic form",
+    ),
+    Published(
+        "finite horizon in Python",
+        DoubleIntegratorWithFiniteHorizonInPython,
+        "trajectories in Python",
+    ),
+    Published("perching glider", Glider, "aerodynamics in Python"),
+    Published("spring loaded hopper", SpringLoadedHopper, "a stiff spring in Python"),
+    Published("triple pendulum", TriplePendulum, "underactuation"),
+    Published("pendulum in a picture", PendulumInAPicture, "`PyPlotVisualizer`"),
+    Published(
+        "cancelled dynamics",
+        DoublePendulumLikeAPendulum,
+        "a `MultibodyPlant` inside a law",
+    ),
+    Published("pendulum with two laws", PendulumWithTwoLaws, "blocks inside a block"),
+    Published(
+        "return map",
+        OscillatorWithAReturnMap,
+        "witness functions in Python",
+        "it has witness functions",
+    ),
 ]

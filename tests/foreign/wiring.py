@@ -36,12 +36,15 @@ class Published(NamedTuple):
     Attributes:
         name: What it is.
         wire: Adds it to a builder and returns where it starts.
-        compiles: Whether the package compiles it.
+        stands_for: What the package has to do for such systems.
+        obstacle: Why it does not compile, the begin of what the package says; empty: it
+            compiles.
     """
 
     name: str
     wire: Callable[[DiagramBuilder], Start]
-    compiles: bool
+    stands_for: str
+    obstacle: str = ""
 
     def Make(self) -> tuple[Diagram, Context]:
         """Returns the diagram, and a Context with its start."""

@@ -22,7 +22,12 @@ from pydrake.systems.primitives import ConstantVectorSource
 from teleop_drake.loops.engine.constants import ConstantsOf
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
-from teleop_drake.loops.framework.signals import CheckSystem, IsPlant, PathsIn
+from teleop_drake.loops.framework.signals import (
+    CheckContext,
+    CheckSystem,
+    IsPlant,
+    PathsIn,
+)
 from teleop_drake.loops.framework.validation import Choices, GainMatrix, Range, Refuse
 from teleop_drake.loops.kernel import KernelBlock
 
@@ -30,7 +35,6 @@ _FIXED = (
     "left to Compile(...).Run() or to a page: Drake keeps it as a constant of the "
     "system, which no Context can change"
 )
-
 
 # The end of an older name of a state: a slash, and no dot behind it.
 _OLD_STATE = re.compile(r"/([^/.]+\(0\))$")
@@ -134,6 +138,7 @@ def NamedParameters(
     """
     CheckSystem("diagram", diagram)
     context = context or diagram.CreateDefaultContext()
+    CheckContext(diagram, context)
     return {
         name: ParameterValue(_AsNumber(parameter.value), parameter.unit)
         for name, parameter in _NumbersIn(diagram, context).items()

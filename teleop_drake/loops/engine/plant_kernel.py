@@ -90,7 +90,7 @@ def plant_step(
 
 
 def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
-    """Returns the kernel of a plant, a tree of revolute and prismatic joints.
+    """Returns the kernel of a plant, a tree of links; see NoTree().
 
     The kernel of a discrete plant has only the outputs that are states. The plant's
     other outputs are results of its last step, which a compiled program does not store.

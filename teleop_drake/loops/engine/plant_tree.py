@@ -1,5 +1,6 @@
 """Conversion of a MultibodyPlant to a tree of links, stored in arrays."""
 
+import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -12,13 +13,19 @@ from pydrake.systems.framework import Context
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.numerics.rigid_body import RigidBodyTree
 
-_JOINTS = (multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoint)
+# Each of their velocities turns or moves a link relative to the one before: a planar
+# joint is two that slide and one that turns, a universal joint is two that turn.
+_JOINTS = (
+    multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoint,
+    multibody.PlanarJoint, multibody.UniversalJoint,
+)  # fmt: skip
 
 
 class PlantTree(NamedTuple):
     """A plant as a tree of links: bodies welded to each other are one link.
 
-    Joint i of the plant, with q_i and v_i, moves link i relative to its parent.
+    Link i has the velocity v_i relative to its parent. A joint with several velocities
+    has links without mass between its bodies.
 
     Attributes:
         tree: The links.
@@ -31,7 +38,7 @@ class PlantTree(NamedTuple):
 
 
 def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
-    """Returns the tree of a plant whose joints are welds, revolute or prismatic.
+    """Returns the tree of a plant whose joints NoTree() allows.
 
     The plant must have no forces but gravity and joint damping, no constraints and no
     contact.
@@ -69,10 +76,10 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     # The poses of the links; the last one is that of the world, which is link -1.
     X_WL = [RigidTransform()] * (n + 1)
     for joint in map(plant.get_joint, plant.GetJointIndices()):
-        if joint.num_velocities() > 0:
-            i = joint.velocity_start()
+        damping = joint.GetDampingVector(at_zero)
+        for i, D in enumerate(damping, joint.velocity_start()):
             X_WL[i] = joint.frame_on_parent().CalcPoseInWorld(at_zero)
-            tree.damping[i] = joint.GetDamping(at_zero)
+            tree.damping[i] = D
     poses = {}
     for body in _Bodies(plant):
         J = SpatialJacobian(plant, at_zero, body.body_frame())
@@ -84,13 +91,13 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         poses[int(body.index())] = link, X_LB
         if link < 0:
             continue
-        parent = path[-2]
-        w = J[:3, link]
-        tree.parents[link] = parent
-        tree.is_prismatic[link] = not w.any()
-        axis_W = w if w.any() else J[3:, link]
-        tree.axes[link] = X_WL[link].rotation().inverse() @ axis_W
-        tree.frames[link] = (X_WL[parent].inverse() @ X_WL[link]).GetAsMatrix34()
+        for parent, i in itertools.pairwise(path):
+            w = J[:3, i]
+            tree.parents[i] = parent
+            tree.is_prismatic[i] = not w.any()
+            axis_W = w if w.any() else J[3:, i]
+            tree.axes[i] = X_WL[i].rotation().inverse() @ axis_W
+            tree.frames[i] = (X_WL[parent].inverse() @ X_WL[i]).GetAsMatrix34()
         M_B = body.CalcSpatialInertiaInBodyFrame(at_zero)
         M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
         tree.masses[link] += M.get_mass()
@@ -117,7 +124,7 @@ def NoTree(plant: MultibodyPlant) -> Iterator[str]:
         if not isinstance(joint, _JOINTS):
             yield (
                 f"joint {joint.name()} is {joint.type_name()}; supported are weld, "
-                "revolute and prismatic"
+                "revolute, prismatic, planar and universal"
             )
     weightless = _Weightless(plant)
     if 0 < len(weightless) < plant.num_bodies() - 1:

@@ -51,6 +51,8 @@ _NO_TRAJECTORY = (
 
 _NO_NUMBERS = "its outputs are no vectors"
 
+_NO_FORM = "Drake has no symbolic form of it"
+
 _NO_KERNEL = (
     "it offers no kernel; write it as a plain function of its inputs, or give it a "
     'method Kernel() (guide.md, "Machine code of your own block")'
@@ -89,7 +91,9 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
         is_abstract = PortDataType.kAbstractValued in types and not VectorOutputs(
             system
         )
-        raise UnsupportedSystem(system, _NO_NUMBERS if is_abstract else _NO_KERNEL)
+        if is_abstract:
+            raise UnsupportedSystem(system, _NO_NUMBERS)
+        raise UnsupportedSystem(system, _NO_FORM if is_of_drake else _NO_KERNEL)
     if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:
         raise UnsupportedSystem(
             system, "it has a state or parameter that is not a vector"

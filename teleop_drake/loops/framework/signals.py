@@ -5,9 +5,11 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from types import FunctionType
 from typing import Any
 
 from pydrake.systems.framework import (
+    Context,
     Diagram,
     LeafSystem,
     OutputPort,
@@ -20,6 +22,7 @@ from teleop_drake.loops.framework.validation import (
     CheckChoice,
     CheckKind,
     CheckNames,
+    Refuse,
 )
 from teleop_drake.loops.framework.wiring import OutputPorts
 
@@ -97,6 +100,20 @@ def CheckSystem(path: str, value: Any) -> None:
     CheckKind(path, value, System, allowed)
 
 
+def CheckContext(system: System, context: Any) -> None:
+    """Refuses what is no Context of a System.
+
+    Raises:
+        ScenarioError: If it is something else, or a Context of another System.
+    """
+    allowed = f"one of {NameOf(system)}, as diagram.CreateDefaultContext() makes it"
+    CheckKind("context", context, Context, allowed)
+    try:
+        system.ValidateContext(context)
+    except (RuntimeError, SystemExit):
+        Refuse("context", "a Context", f"one of {NameOf(system)}")
+
+
 def ClassOf(system: System) -> str:
     """Returns the name of a system's class, also of one that pydrake does not define.
 
@@ -111,14 +128,22 @@ def ClassOf(system: System) -> str:
 def IsPlainLeaf(system: Any) -> bool:
     """Returns whether a system is a user's LeafSystem in Python without a kernel.
 
-    A subclass of another class of Drake's is none: parts of it are not in Python.
+    A subclass of another class in C++ is none: parts of it are not in Python.
     """
     if not isinstance(system, LeafSystem) or hasattr(system, "Kernel"):
         return False
-    if type(system).__module__.startswith("teleop_drake."):
+    own = type(system)
+    if own in (LeafSystem, VectorSystem):
+        return True
+    if own.__module__.startswith(("teleop_drake.", "pydrake.")):
         return False
-    of_drake = [x for x in type(system).__mro__ if x.__module__.startswith("pydrake")]
-    return of_drake[0] in (LeafSystem, VectorSystem)
+    in_cpp = [
+        x
+        for x in own.__mro__
+        if x.__module__.startswith("pydrake")
+        and not isinstance(vars(x).get("__init__"), FunctionType)
+    ]
+    return in_cpp[0] in (LeafSystem, VectorSystem)
 
 
 def IsOfDrake(system: System) -> bool:

@@ -11,6 +11,9 @@ EVENT_ACCURACY = 1e-4
 It locates them to better than a microsecond.
 """
 
+CONFIG = "Drake's SimulatorConfig"
+"""What an argument that sets the solver has to be, for messages."""
+
 
 def DefaultSimulator() -> SimulatorConfig:
     """Returns the solver of a System, and of a scenario that names no solver."""

@@ -11,7 +11,7 @@ import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from types import UnionType
-from typing import Any, NoReturn, TypeVar, dataclass_transform, get_args
+from typing import Any, NoReturn, SupportsFloat, TypeVar, dataclass_transform, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -230,7 +230,7 @@ def CheckNumber(
     """
     if value is None and may_be_null:
         return
-    is_finite = value is not None and math.isfinite(value)
+    is_finite = isinstance(value, SupportsFloat) and math.isfinite(value)
     if not is_finite or value <= above or not minimum <= value <= maximum:
         bounds = ((">", above), (">=", minimum), ("<=", maximum))
         shown = " and ".join(f"{sign} {x:g}" for sign, x in bounds if math.isfinite(x))

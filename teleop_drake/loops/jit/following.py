@@ -145,8 +145,10 @@ class _Outside:
         if attribute == "__class__":
             return type(value)
         of_class = getattr(type(value), attribute, None)
-        if isinstance(of_class, property) and of_class.fget:
-            return Follow(graph, MethodType(of_class.fget, value), name)()
+        # The getter of a class in C++ returns a plain attribute.
+        getter = getattr(of_class, "fget", None)
+        if isinstance(of_class, property) and isinstance(getter, FunctionType):
+            return Follow(graph, MethodType(getter, value), name)()
         return Follow(graph, getattr(value, attribute), f"{name}.{attribute}")
 
     def __setattr__(self, attribute: str, value: Any) -> None:
@@ -171,6 +173,13 @@ class _Outside:
         raise Untraceable(f"it compares {name}, or makes text of it")
 
     __eq__ = __ne__ = __bool__ = __repr__ = _Refuse
+
+
+def Original(value: Any) -> Any:
+    """Returns the object from outside of a function that a value replaces."""
+    if type(value) is _Outside:
+        return object.__getattribute__(value, "_outside")[1]
+    return value
 
 
 class _Followed(Replacement):

@@ -316,6 +316,9 @@ class Number(Dispatched, Symbol):
     def __repr__(self) -> str:
         raise Untraceable("it makes text of what depends on numbers")
 
+    def __format__(self, _: str) -> str:
+        return repr(self)
+
     __hash__ = None  # type: ignore[assignment]
 
     def Operate(self, operation: str, *operands: Any) -> Any:

@@ -17,10 +17,11 @@ Numbers to functions that are unknown here. Where Python would raise an error, f
 example for an index that is too large, the result is nan.
 """
 
+import contextlib
 import functools
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import CodeType, FunctionType
@@ -196,6 +197,17 @@ class Graph:
         nothing in them depends on the sign of a zero.
         """
         return self._is_of_package and value.ref.place not in self._infinite
+
+    @contextlib.contextmanager
+    def TakenAsFinite(self, values: Iterable[Any]) -> Iterator[None]:
+        """Takes Numbers as finite while functions of the package operate on them."""
+        places = {x.ref.place for x in values if isinstance(x, Number)}
+        places &= self._infinite
+        self._infinite -= places
+        try:
+            yield
+        finally:
+            self._infinite |= places
 
     def _IsFinite(self, node: Node) -> bool:
         """Returns whether a new operation has a finite value."""

@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.loops.engine.flatten import Block
 from teleop_drake.loops.framework.arrays import Array
-from teleop_drake.loops.framework.signals import NameOf
+from teleop_drake.loops.framework.signals import CheckContext
 from teleop_drake.loops.framework.surface import SurfacesOf
 from teleop_drake.loops.framework.validation import CheckKind, Refuse, ScenarioError
 from teleop_drake.loops.kernel.linear_part import LinearPartOf, Sampling
@@ -35,7 +35,6 @@ from teleop_drake.loops.linear.sampled_model import (
 )
 from teleop_drake.loops.linear.states import HeldStates, States
 from teleop_drake.loops.numerics.state_space import close_loops
-from teleop_drake.loops.run.inputs import CheckContext
 
 # The longest step of central differences, relative to values of 1 and more. Surfaces
 # must be farther away.
@@ -192,8 +191,6 @@ def CheckPoint(diagram: Any, context: Any) -> None:
     """
     allowed = "a Diagram; of a scenario, AnalyzeStability(scenario) finds the margins"
     CheckKind("diagram", diagram, System, allowed)
-    allowed = f"one of {NameOf(diagram)}, as diagram.CreateDefaultContext() makes it"
-    CheckKind("context", context, Context, allowed)
     CheckContext(diagram, context)
 
 

@@ -20,18 +20,6 @@ from teleop_drake.loops.framework.wiring import InputPorts
 _ALLOWED = "connected to a source, or fixed: port.FixValue(context, value)"
 
 
-def CheckContext(system: System, context: Context) -> None:
-    """Refuses a Context of another System.
-
-    Raises:
-        ScenarioError: If the Context is that of another System.
-    """
-    try:
-        system.ValidateContext(context)
-    except (RuntimeError, SystemExit):
-        Refuse("context", "a Context", f"one of {NameOf(system)}")
-
-
 def CheckInputs(system: System, context: Context) -> None:
     """Refuses an input of a system that is neither connected nor fixed, by name.
 

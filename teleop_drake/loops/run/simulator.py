@@ -16,8 +16,9 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.loops.framework.contexts import DiscreteState
-from teleop_drake.loops.framework.signals import CheckSystem
-from teleop_drake.loops.framework.solver import EVENT_ACCURACY
+from teleop_drake.loops.framework.signals import CheckContext, CheckSystem
+from teleop_drake.loops.framework.solver import CONFIG, EVENT_ACCURACY
+from teleop_drake.loops.framework.validation import CheckKind
 from teleop_drake.loops.kernel.block import LongestStep
 from teleop_drake.loops.run.failures import IsDivergence, IsGivingUp
 from teleop_drake.loops.run.stale_cache_guard import TrialStep
@@ -64,6 +65,9 @@ def MakeSimulator(
         The Simulator.
     """
     CheckSystem("diagram", diagram)
+    CheckKind("config", config, SimulatorConfig, CONFIG)
+    if context is not None:
+        CheckContext(diagram, context)
     simulator = TeleoperatorSimulator(diagram, context)
     time = simulator.get_context().get_time()
     ApplySimulatorConfig(config, simulator)

@@ -8,11 +8,16 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.loops.engine.flatten import NearLimit, UnreadableLeaf
 from teleop_drake.loops.engine.parameters import CheckNumbers
-from teleop_drake.loops.framework.signals import CheckSystem, SelectSignals, Signals
-from teleop_drake.loops.framework.solver import DefaultSimulator
-from teleop_drake.loops.framework.validation import CheckChoice, CheckNumber
+from teleop_drake.loops.framework.signals import (
+    CheckContext,
+    CheckSystem,
+    SelectSignals,
+    Signals,
+)
+from teleop_drake.loops.framework.solver import CONFIG, DefaultSimulator
+from teleop_drake.loops.framework.validation import CheckChoice, CheckKind, CheckNumber
 from teleop_drake.loops.numerics.step_polynomials import finite_part, thinned
-from teleop_drake.loops.run.inputs import CheckContext, CheckInputs
+from teleop_drake.loops.run.inputs import CheckInputs
 from teleop_drake.loops.run.recording import Recording, SolverStatistics
 from teleop_drake.loops.run.run import Job, Outcome
 
@@ -91,6 +96,7 @@ def MakeJob(
     CheckPeriod(publish_period)
     assert duration is not None
     config = simulator or DefaultSimulator()
+    CheckKind("simulator", config, SimulatorConfig, CONFIG)
     if context is None:
         CheckNumber("simulator.start_time", config.start_time, "s")
         context = system.CreateDefaultContext()
@@ -139,6 +145,8 @@ def RunJob(job: Job, engine: str) -> tuple[Outcome, list[str]]:
             run = compiled.Run(job)
             return run, [*NotesOnBlocks(compiled.evaluator), *run.notes]
         except (CannotCompile, ReadingDisagrees, NearLimit) as error:
+            if engine == "compiled":
+                raise
             notes = [NoteOnDrake(error)]
     from teleop_drake.loops.run.drake_run import RunInDrake
     from teleop_drake.loops.run.sample_ties import NotesOnTies

@@ -150,12 +150,12 @@ def simulate(
             None: the task of the scenario.
         progress: A function that is called from time to time with the simulated time
             in s.
-        engine: `drake` for Drake's Simulator; `compiled` or `auto` for machine code,
-            which is many times as fast and is compiled once for each structure of a
-            diagram. A diagram that cannot be compiled runs in Drake's Simulator, and a
-            note in the recording gives the reason. For machine code, laws are traced at
-            the start: values that they read from outside their arguments are fixed
-            then. For many runs, see Compile().
+        engine: `drake` for Drake's Simulator; `auto` for machine code, which is many
+            times as fast and is compiled once for each structure of a diagram. A
+            diagram that cannot be compiled runs in Drake's Simulator, and a note in the
+            recording gives the reason; `compiled` refuses it. For machine code, laws
+            are traced at the start: values that they read from outside their arguments
+            are fixed then. For many runs, see Compile().
         signals: The names of the signals to record, for a System also
             `path/system.port` of a vector output at any depth, or output ports by names
             of your own; None: all, as above. Metrics of a scenario need the signals
@@ -170,7 +170,8 @@ def simulate(
         The recording.
 
     Raises:
-        ScenarioError: If the scenario is not valid, or takes too many steps.
+        ScenarioError: If the scenario is not valid, or takes too many steps, or if
+            `compiled` cannot compile it.
         KernelDisagrees: If the machine code does not compute what the diagram does.
         ValueError: If the teleoperator is not made for this scenario, if a signal is
             not finite at the start, or if there is no such engine.

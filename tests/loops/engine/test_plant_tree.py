@@ -12,10 +12,12 @@ from pydrake.multibody.tree import (
     BodyIndex,
     FixedOffsetFrame,
     JacobianWrtVariable,
+    PlanarJoint,
     PrismaticJoint,
     RevoluteJoint,
     SpatialInertia,
     UnitInertia,
+    UniversalJoint,
     WeldJoint,
 )
 
@@ -27,6 +29,14 @@ from teleop_drake.loops.numerics.rigid_body import (
     calc_joint_accelerations,
     calc_motion,
 )
+
+KINDS = {
+    "r": RevoluteJoint,
+    "p": PrismaticJoint,
+    "w": WeldJoint,
+    "l": PlanarJoint,
+    "u": UniversalJoint,
+}
 
 
 def random_pose(rng):
@@ -48,7 +58,7 @@ def random_body(plant, name, rng):
 
 
 def random_plant(seed, kinds):
-    """A tree of joints of the kinds (`r`, `p`, `w`), some of them upside down."""
+    """A tree of joints of the kinds in KINDS, some of them upside down."""
     rng = np.random.default_rng(seed)
     plant = MultibodyPlant(0.0)
     plant.set_name("plant")
@@ -57,19 +67,22 @@ def random_plant(seed, kinds):
         body = random_body(plant, f"body{i}", rng)
         parent = bodies[rng.integers(len(bodies))]
         ends = (parent, random_pose(rng), body, random_pose(rng))
-        if rng.random() < 0.3:
+        if rng.random() < 0.3 and kind in "rpw":  # Drake turns no others.
             ends = (body, ends[1], parent, ends[3])
         axis = rng.normal(size=3)
         axis /= np.linalg.norm(axis)
         damping = rng.uniform(0, 1)
         if kind == "w":
             plant.AddJoint(
-                WeldJoint(f"joint{i}", *_frames(plant, ends), random_pose(rng))
+                KINDS[kind](f"joint{i}", *_frames(plant, ends), random_pose(rng))
             )
+        elif kind in "lu":
+            several = damping if kind == "u" else rng.uniform(0, 1, 3)
+            joint = KINDS[kind](f"joint{i}", *_frames(plant, ends), damping=several)
+            plant.AddJoint(joint)
         else:
-            Kind = RevoluteJoint if kind == "r" else PrismaticJoint
             joint = plant.AddJoint(
-                Kind(f"joint{i}", *_frames(plant, ends), axis, damping=damping)
+                KINDS[kind](f"joint{i}", *_frames(plant, ends), axis, damping=damping)
             )
             if rng.random() < 0.7:
                 actuator = plant.AddJointActuator(f"motor{i}", joint, 20.0)
@@ -93,9 +106,19 @@ def _frames(plant, ends):
 @pytest.mark.slow
 @given(
     st.integers(0, 2**31),
-    st.lists(st.sampled_from("rrppw"), min_size=1, max_size=10),
+    st.lists(st.sampled_from("rrppwlu"), min_size=1, max_size=10),
 )
 def test_a_random_tree_moves_as_its_plant(seed, kinds):
+    check_motion(seed, kinds)
+
+
+@pytest.mark.parametrize(("seed", "kinds"), [(1, "l"), (2, "u"), (3, "wlurp")])
+def test_joints_with_several_velocities(seed, kinds):
+    check_motion(seed, kinds)
+
+
+def check_motion(seed, kinds):
+    """Compares accelerations, poses and Jacobians with the plant's."""
     plant, rng = random_plant(seed, kinds)
     context = plant.CreateDefaultContext()
     n = plant.num_velocities()

@@ -1,6 +1,7 @@
 """What to do about a function that cannot be followed."""
 
 _STATE = "; declare a state instead"
+_PRINT = "; print in an event of another block"
 
 _ADVICE = {
     "it assigns to ": _STATE,
@@ -11,7 +12,8 @@ _ADVICE = {
     ".appendleft()": _STATE,
     "random": "; connect a RandomSource instead",
     "a call of time.": "; take context.get_time() instead",
-    "a call of print()": "; print in an event of another block",
+    "a call of print()": _PRINT,
+    "it makes text": _PRINT,
     "inside": "; connect it as a block instead",
 }
 

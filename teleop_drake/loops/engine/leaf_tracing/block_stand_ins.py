@@ -1,6 +1,7 @@
 """Stand-ins for a block in a function of it that is followed, and for its parts."""
 
 import functools
+import sys
 from types import FunctionType
 from typing import Any, NoReturn
 
@@ -185,6 +186,19 @@ class SuperOf:
         return _AttributeOf(reader, me, name)
 
 
+def SuperIn(*arguments: Any) -> SuperOf:
+    """Returns what super() returns in a method of a block."""
+    cls, me = arguments or (None, None)
+    if not arguments:
+        frame = sys._getframe(1)
+        cls = frame.f_locals["__class__"]
+        me = frame.f_locals[frame.f_code.co_varnames[0]]
+    if type(me) is not OwnBlock:
+        raise Untraceable("it calls super() of another object")
+    reader = object.__getattribute__(me, "_reader")
+    return SuperOf(reader, me, object.__getattribute__(cls, "_outside")[1])
+
+
 def _AttributeOf(reader: Any, me: OwnBlock, name: str) -> Any:
     """Returns what replaces an attribute of the block."""
     system = reader.system
@@ -217,8 +231,8 @@ def _Raw(cls: type, name: str) -> Any:
     return None
 
 
-def _InputAt(reader: Any, index: Any = 0) -> OwnInput:
-    return OwnInput(reader, reader.system.get_input_port(int(index)))
+def _InputAt(reader: Any, index: Any = 0) -> Any:
+    return reader.Port(reader.system.get_input_port(int(index)))
 
 
 def _EvalVectorInput(reader: Any, context: Any, index: Any) -> Any:
@@ -228,14 +242,12 @@ def _EvalVectorInput(reader: Any, context: Any, index: Any) -> Any:
 
 _METHODS: dict[str, Any] = {
     "get_input_port": _InputAt,
-    "GetInputPort": lambda reader, name: OwnInput(
-        reader, reader.system.GetInputPort(name)
+    "GetInputPort": lambda reader, name: reader.Port(reader.system.GetInputPort(name)),
+    "get_output_port": lambda reader, index=0: reader.Port(
+        reader.system.get_output_port(int(index))
     ),
-    "get_output_port": lambda reader, index=0: OwnOutput(
-        reader, reader.system.get_output_port(int(index))
-    ),
-    "GetOutputPort": lambda reader, name: OwnOutput(
-        reader, reader.system.GetOutputPort(name)
+    "GetOutputPort": lambda reader, name: reader.Port(
+        reader.system.GetOutputPort(name)
     ),
     "EvalVectorInput": _EvalVectorInput,
     "get_cache_entry": lambda reader, index: OwnCache(

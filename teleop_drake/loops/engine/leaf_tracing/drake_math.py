@@ -1,4 +1,4 @@
-"""Drake's functions of numbers, and types of indices, in followed functions."""
+"""Drake's functions of numbers, and some of its types, in followed functions."""
 
 from typing import Any
 
@@ -26,6 +26,13 @@ Index = (
     | NumericParameterIndex
     | OutputPortIndex
 )
+
+
+def NameOfClass(value: Any) -> str:
+    """Returns the name of a class or a template of Drake's; else an empty text."""
+    if isinstance(value, type):
+        return value.__name__
+    return str(value.name) if type(value).__name__ == "TemplateClass" else ""
 
 
 def wrap_to(value: Any, low: Any, high: Any) -> Any:

@@ -20,7 +20,9 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, DiscreteValues, EventStatus, State
 
+from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.engine.leaf_tracing.callbacks import (
+    FindCallback,
     Found,
     FoundIn,
     IsCalledByDrake,
@@ -28,6 +30,7 @@ from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     Stop,
     Watched,
 )
+from teleop_drake.loops.engine.leaf_tracing.sinks import MayEnd
 from teleop_drake.loops.jit.symbols import Untraceable
 from teleop_drake.loops.numerics.instants import same_within
 
@@ -41,6 +44,23 @@ _BESIDE = math.pi * 1e-10
 
 # Functions that the Simulator calls, and that handle no event.
 _NO_HANDLERS = ("DoCalcTimeDerivatives", "DoCalcVectorTimeDerivatives")
+
+
+def HasInitialization(system: Any) -> bool:
+    """Returns whether a user's block in Python has an initialization event.
+
+    Raises:
+        UnsupportedSystem: If the event may end the run.
+    """
+    own = system.CreateDefaultContext()
+    try:
+        found = FindCallback(lambda x: system.ExecuteInitializationEvents(x), own)
+    except Untraceable:
+        return True
+    if found is not None and MayEnd(found.function.__code__):
+        reason = f"its initialization event {found.name} may end a run"
+        raise UnsupportedSystem(system, reason)
+    return found is not None
 
 
 @dataclass

@@ -62,7 +62,8 @@ class InnerContext(StandIn):
     Attributes:
         original: The Context, of which the parameters are taken.
         state: The elements of the continuous state; None: not set.
-        others: The values of input ports that are fixed, by index, and the time as -1.
+        others: The values of input ports that are fixed, by index, and the time as -1;
+            the positions and velocities of a plant by name.
 
     Args:
         original: The Context.
@@ -79,7 +80,7 @@ class InnerContext(StandIn):
             state = np.full(original.num_continuous_states(), None, object)
             memory[original] = state, {}
         self.state: Any
-        self.others: dict[int, Any]
+        self.others: dict[int | str, Any]
         self.state, self.others = memory[original]
 
     def SetTime(self, time: Any) -> None:
@@ -169,17 +170,21 @@ class InnerSystem(StandIn):
             )
         )
 
+    def Port(self, port: Any) -> _InnerPort:
+        """Returns the stand-in for a port of the system."""
+        return _InnerPort(self, port)
+
     def get_input_port(self, index: Any = 0) -> _InnerPort:
-        return _InnerPort(self, self._system.get_input_port(int(index)))
+        return self.Port(self._system.get_input_port(int(index)))
 
     def get_output_port(self, index: Any = 0) -> _InnerPort:
-        return _InnerPort(self, self._system.get_output_port(int(index)))
+        return self.Port(self._system.get_output_port(int(index)))
 
     def GetInputPort(self, name: str) -> _InnerPort:
-        return _InnerPort(self, self._system.GetInputPort(name))
+        return self.Port(self._system.GetInputPort(name))
 
     def GetOutputPort(self, name: str) -> _InnerPort:
-        return _InnerPort(self, self._system.GetOutputPort(name))
+        return self.Port(self._system.GetOutputPort(name))
 
     def Evaluate(
         self, context: InnerContext, compute: Callable[[Any, Any], Any]
@@ -209,11 +214,11 @@ class InnerSystem(StandIn):
 
         if len(context.state) > 0:
             own.SetContinuousState(New(context.state))
-        for i, elements in context.others.items():
-            if i == TIME:
+        for key, elements in context.others.items():
+            if key == TIME:
                 own.SetTime(New([elements])[0])
-            else:
-                self._symbolic.get_input_port(i).FixValue(own, New(elements))
+            elif isinstance(key, int):
+                self._symbolic.get_input_port(key).FixValue(own, New(elements))
         try:
             result = compute(self._symbolic, own)
         except Exception as error:

@@ -6,7 +6,6 @@ block is not changed, and no line of its code runs before it has been followed.
 """
 
 import itertools
-import sys
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +29,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.loops.engine.flatten import UnreadableLeaf, UnsupportedSystem
+from teleop_drake.loops.engine.flatten import UnreadableLeaf
 from teleop_drake.loops.engine.leaf_tracing.advice import Advised
 from teleop_drake.loops.engine.leaf_tracing.block_stand_ins import (
     OwnBlock,
@@ -39,7 +38,7 @@ from teleop_drake.loops.engine.leaf_tracing.block_stand_ins import (
     OwnInput,
     OwnMeshcat,
     OwnOutput,
-    SuperOf,
+    SuperIn,
 )
 from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     FindCallback,
@@ -47,7 +46,11 @@ from teleop_drake.loops.engine.leaf_tracing.callbacks import (
     IsPassed,
     Passed,
 )
-from teleop_drake.loops.engine.leaf_tracing.drake_math import MATH, Index
+from teleop_drake.loops.engine.leaf_tracing.drake_math import (
+    MATH,
+    Index,
+    NameOfClass,
+)
 from teleop_drake.loops.engine.leaf_tracing.graph_tape import TapeOf
 from teleop_drake.loops.engine.leaf_tracing.handlers import EventFinder, Handler
 from teleop_drake.loops.engine.leaf_tracing.inner_systems import (
@@ -55,7 +58,6 @@ from teleop_drake.loops.engine.leaf_tracing.inner_systems import (
     InnerSystem,
     IsInner,
 )
-from teleop_drake.loops.engine.leaf_tracing.sinks import MayEnd
 from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
     Cell,
     Groups,
@@ -68,7 +70,7 @@ from teleop_drake.loops.engine.leaf_tracing.stand_ins import (
 )
 from teleop_drake.loops.engine.leaf_tracing.trajectories import Trajectory
 from teleop_drake.loops.framework.contexts import DiscreteState
-from teleop_drake.loops.framework.signals import VectorOutputs
+from teleop_drake.loops.framework.signals import IsPlainLeaf, IsPlant, VectorOutputs
 from teleop_drake.loops.framework.wiring import InputPorts
 from teleop_drake.loops.jit.following import Follow
 from teleop_drake.loops.jit.symbolic_arrays import AsFloats, AsNumbers
@@ -79,27 +81,13 @@ from teleop_drake.loops.kernel import Kernel, Term, Transition
 # The operations by which a smooth function of time becomes one that may jump.
 _JUMPING = frozenset({"select", "floor", "ceil", "trunc", "fmod"})
 
+# The begin of the names of numbers that no result may depend on.
+_UNSET = "unset "
+
 # The value of each input where known handlers are executed.
 _INPUT = 0.5
 
 _ENGINE = Path(__file__).parents[1]
-
-
-def HasInitialization(system: Any) -> bool:
-    """Returns whether a user's block in Python has an initialization event.
-
-    Raises:
-        UnsupportedSystem: If the event may end the run.
-    """
-    own = system.CreateDefaultContext()
-    try:
-        found = FindCallback(lambda x: system.ExecuteInitializationEvents(x), own)
-    except Untraceable:
-        return True
-    if found is not None and MayEnd(found.function.__code__):
-        reason = f"its initialization event {found.name} may end a run"
-        raise UnsupportedSystem(system, reason)
-    return found is not None
 
 
 class LeafReader:
@@ -124,6 +112,7 @@ class LeafReader:
         self._terms: dict[int, Term] = {}
         self._symbolic: dict[Any, Any] = {}
         self._memory: dict[Any, Any] = {}
+        self._inside: dict[Any, Any] = {}
         self._own: Any = None
         self._constants: Mapping[str, Any] = {}
         self._lock = threading.Lock()
@@ -156,6 +145,7 @@ class LeafReader:
             raise UnreadableLeaf(self.system, Advised(str(error))) from error
         finally:
             self.graph = self.context = self._own = None
+            self._inside.clear()
 
     def _Use(self, context: Context) -> None:
         """Takes the sizes and the parameters of a Context."""
@@ -299,6 +289,9 @@ class LeafReader:
 
     def _Tape(self, name: str, values: Any) -> Term:
         tape, constants, names = TapeOf(self.graph, values, self._sizes)
+        for vector in names:
+            if vector.startswith(_UNSET):
+                raise Untraceable(f"it does not set {vector.removeprefix(_UNSET)}")
         self._parameters[f"numbers in {name}"] = constants
         arguments: list[Any] = [
             ("input", x.removeprefix("input ")) if x.startswith("input ") else x
@@ -318,10 +311,18 @@ class LeafReader:
         if vector not in self._sizes:
             value = self._constants.get(name, meshcat.GetSliderValue(name))
             self._parameters[vector] = np.array([value], float).ravel()
-            self._sizes[vector] = 1
+        return self._Further(vector)[0]
+
+    def Unset(self, what: str) -> Any:
+        """Returns a number that may be read, and on which no result may depend."""
+        return self._Further(f"{_UNSET}{what}")
+
+    def _Further(self, vector: str) -> Any:
+        """Returns a vector of one number that is given from now on."""
+        self._sizes[vector] = 1
         if vector not in self.graph.given:
             self.graph.Given(vector, 1)
-        return self.Load(vector)[0]
+        return self.Load(vector)
 
     def Input(self, port: Any) -> Any:
         """Returns the elements of an input port."""
@@ -433,22 +434,30 @@ class LeafReader:
         if value is self.system:
             return OwnBlock(self)
         if value is super:
-            return self._Super
+            return SuperIn
         if value is EventStatus:
             return StatusClass()
         if isinstance(value, Index):
             return int(value)
         if isinstance(value, InputPort | OutputPort):
-            if value.get_system() is not self.system:
-                raise Untraceable(f"{name} is a port of another system")
-            kind = OwnInput if isinstance(value, InputPort) else OwnOutput
-            return kind(self, value)
+            owner = value.get_system()
+            if owner is self.system:
+                return self.Port(value)
+            if IsPlainLeaf(owner):
+                return self._Inside(owner).Port(value)
+            return self._Inner(owner).Port(value)
+        if IsPlainLeaf(value):
+            return OwnBlock(self._Inside(value))
         if isinstance(value, CacheEntry):
             return OwnCache(self, value)
         if isinstance(value, PiecewisePolynomial):
             return Trajectory(value)
         if isinstance(value, Meshcat):
             return OwnMeshcat(self, value)
+        if NameOfClass(value) in ("MultibodyForces", "MultibodyForces_"):
+            from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerForces
+
+            return InnerForces
         if isinstance(value, Context):
             return InnerContext(value, self._memory)
         if IsInner(value):
@@ -460,22 +469,32 @@ class LeafReader:
             return None if usual is None else self._Follow(usual, name)
         return None
 
-    def _Inner(self, system: Any) -> InnerSystem:
+    def Port(self, port: Any) -> Any:
+        """Returns the stand-in for a port of the block."""
+        kind = OwnInput if isinstance(port, InputPort) else OwnOutput
+        return kind(self, port)
+
+    def _Inside(self, system: Any) -> "LeafReader":
+        """Returns the reader of another block in Python that the block has inside."""
+        from teleop_drake.loops.engine.leaf_tracing.inner_leaves import InnerReader
+
+        if system not in self._inside:
+            self._inside[system] = InnerReader(system, self, self._memory)
+        reader = self._inside[system]
+        reader.graph = self.graph
+        return reader
+
+    def _Inner(self, system: Any) -> Any:
         """Returns the stand-in for a system of Drake's that the block has inside."""
+        if IsPlant(system):
+            from teleop_drake.loops.engine.leaf_tracing.inner_plants import InnerPlant
+
+            if system not in self._inside:
+                self._inside[system] = InnerPlant(system, self, self._memory)
+            return self._inside[system]
         if system not in self._symbolic:
             self._symbolic[system] = system.ToSymbolicMaybe()
         symbolic = self._symbolic[system]
-        if symbolic is None or type(system).__name__ == "MultibodyPlant":
+        if symbolic is None:
             raise Untraceable(f"it has a {type(system).__name__} inside")
         return InnerSystem(system, symbolic, self._memory)
-
-    def _Super(self, *arguments: Any) -> SuperOf:
-        """Returns what super() returns in a method of the block."""
-        cls, me = arguments or (None, None)
-        if not arguments:
-            frame = sys._getframe(1)
-            cls = frame.f_locals["__class__"]
-            me = frame.f_locals[frame.f_code.co_varnames[0]]
-        if type(me) is not OwnBlock:
-            raise Untraceable("it calls super() of another object")
-        return SuperOf(self, me, object.__getattribute__(cls, "_outside")[1])

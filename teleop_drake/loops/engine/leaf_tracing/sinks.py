@@ -41,9 +41,9 @@ def CheckSink(system: Any) -> None:
         if updates or found.function.__code__ not in codes:
             reason = f"its event {found.name} may do more than publish"
             raise UnsupportedSystem(system, reason)
-    for is_constructor, code in _CodesOf(type(system)):
+    for is_harmless, code in _CodesOf(type(system)):
         raises = any(x.opname == "RAISE_VARARGS" for x in dis.get_instructions(code))
-        if MayEnd(code) or (raises and not is_constructor):
+        if MayEnd(code) or (raises and not is_harmless):
             reason = f"{code.co_name}(), line {code.co_firstlineno}, may end a run"
             raise UnsupportedSystem(system, reason)
 
@@ -58,14 +58,18 @@ def MayEnd(code: CodeType) -> bool:
 
 
 def _CodesOf(cls: type) -> Iterator[tuple[bool, CodeType]]:
-    """Yields the code of a user's class, and whether it is that of a constructor."""
+    """Yields the code of a user's class, and whether what it raises ends no run.
+
+    That is the code of constructors, and of classes of Drake's in Python.
+    """
     for base in cls.__mro__[: cls.__mro__.index(LeafSystem)]:
+        is_of_drake = base.__module__.startswith("pydrake")
         for name, method in vars(base).items():
             function = getattr(method, "__func__", method)
             if isinstance(function, FunctionType):
-                yield name == "__init__", function.__code__
+                yield is_of_drake or name == "__init__", function.__code__
                 for inner in _InnerCodes(function.__code__):
-                    yield False, inner
+                    yield is_of_drake, inner
 
 
 def _InnerCodes(code: CodeType) -> Iterator[CodeType]:

@@ -1,5 +1,6 @@
 """The stand-in for a PiecewisePolynomial in a function that is followed."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -52,11 +53,13 @@ def _ValueAt(trajectory: PiecewisePolynomial, t: Any) -> Any:
     result: Any = None
     for k, start in enumerate(breaks[:-1]):
         value = np.empty((trajectory.rows(), trajectory.cols()), object)
+        # A constant trajectory begins at minus infinity.
+        elapsed = t - start if math.isfinite(start) else 0.0
         for i, j in np.ndindex(*value.shape):
             element: Any = 0.0
             coefficients = trajectory.getPolynomial(k, i, j).GetCoefficients()
             for coefficient in coefficients[::-1]:
-                element = element * (t - start) + coefficient
+                element = element * elapsed + coefficient
             value[i, j] = element
         result = value if k == 0 else Where(t >= start, value, result)
     return AsNumbers(result)
