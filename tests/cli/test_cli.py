@@ -175,7 +175,7 @@ def test_options_are_overrides(capsys):
 
 
 def test_run_prints_a_table(capsys):
-    assert main(["run", "one_dof", *SHORT]) == 0
+    assert main(["run", "one_dof", *SHORT, "--accuracy", "1e-8"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     headline, _, *rows = out.splitlines()

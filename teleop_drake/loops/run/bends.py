@@ -156,7 +156,7 @@ def NotesOnBends(names: Collection[str], sent: Collection[str] = ()) -> list[str
     }
     return [
         f"{', '.join(sorted(found))}: jumps or bends at an instant that no event "
-        f"announces; {meaning}"
+        f"announces, or changes too fast for the steps; {meaning}"
         for meaning, found in meanings.items()
         if found
     ]

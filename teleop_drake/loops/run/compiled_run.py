@@ -147,7 +147,7 @@ class CompiledDiagram:
         if job.has_events:
             end = run.start.t + job.duration
             outcome.find_events = partial(FindEvents, run, end, outcome)
-            outcome.find_bends = partial(FindBends, run, outcome)
+        outcome.find_bends = partial(FindBends, run, outcome)
         if self._has_final_context:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)

@@ -80,3 +80,25 @@ def test_the_names_of_systems_alone_make_no_loop():
     named = NamedSignals(diagram.GetSystems())
     loop = simulate(diagram, duration=0.1, signals=named)
     np.testing.assert_array_equal(loop["tool_velocity"], plain["robot.tool_velocity"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("one_dof", {"controller.kind": "time_domain_passivity"}),
+        ("wall_sliding", {}),
+    ],
+)
+def test_a_run_names_the_signals_that_are_not_accurate_between_rows(name, changes):
+    recording = simulate(LoadScenario(name, changes))
+    exact = simulate(LoadScenario(name, {**changes, "simulator.max_step_size": 5e-4}))
+    named = recording.notes[-1].partition(":")[0].split(", ")
+    times = np.linspace(0, recording.time[-1], 200_000)
+    wrong = set()
+    for signal, rows in recording.signals.items():
+        error = recording.Interpolate(signal, times) - exact.Interpolate(signal, times)
+        if np.any(np.abs(error) > 1e-4 * np.ptp(rows, axis=0) + 1e-12):
+            wrong.add(signal)
+    assert wrong
+    assert wrong <= set(named)
