@@ -85,6 +85,7 @@ class Strip {
   async find(loop, isStale) {
     const { stops, min, max } = delayInput();
     if (!this.loops.has(loop)) this.loops.set(loop, new Loop(loop.data, state.data.inputs));
+    this.loops.get(loop).largest = loop.largest;
     let found = [];
     const look = async (delay) => {
       const verdict = await this.verdictAt(this.loops.get(loop), delay, isStale);

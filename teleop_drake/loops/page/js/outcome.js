@@ -5,7 +5,7 @@ import { motionInWords } from "./motion.js";
 import { onRuns } from "./simulate.js";
 import { state } from "./state.js";
 import { componentsOf } from "./units.js";
-import { sentencesOn } from "./words.js";
+import { endInWords, sentencesOn } from "./words.js";
 
 const MOST_SENTENCES = 3; // on the signals of a Diagram
 
@@ -29,9 +29,11 @@ export function shownMotions(run) {
   return motions;
 }
 
-// The sentences on the first of these signals.
+// The sentences on how a run has ended early, and on the first of these signals.
 function sentencesOnSignals(run) {
+  const end = endInWords(run);
   const sentences = shownMotions(run).map(([title, words]) => `${title} ${words}.`);
+  if (end) sentences.unshift(`It ${end}: ${run.reason}.`);
   return sentences.slice(0, MOST_SENTENCES).join(" ");
 }
 

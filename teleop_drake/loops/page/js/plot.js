@@ -7,7 +7,7 @@
 import { make, safe } from "./elements.js";
 import { clamp, extent, range, show } from "./numbers.js";
 import { componentsOf, scaleAndUnit } from "./units.js";
-import { endWord } from "./words.js";
+import { endWords } from "./words.js";
 
 const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // The dashes of the components of a vector.
 export const MOST_LINES = 6;
@@ -89,7 +89,7 @@ function linesOf(view, port, width) {
       dashes: DASHES[component % DASHES.length],
       className: i < pinned.length ? "pale" : "",
       hasEnded: i >= pinned.length && run.hasEnded(window[1]),
-      end: component ? "" : endWord(run),
+      end: component ? "" : endWords(run),
     }));
   });
   return [...commandOf(view, port, width), ...lines, ...marks];

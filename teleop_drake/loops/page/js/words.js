@@ -15,19 +15,18 @@ export function quantity(value, unit) {
 // The time from the start of a run to its end.
 const durationOf = ({ time, startTime }) => quantity(time.at(-1) - startTime, "s");
 
-// The word at the end of a curve of a run that ended early.
-export function endWord({ reason, loop }) {
-  const place = loop.reasons.indexOf(reason);
-  return place === 0 ? "ran away" : place > 0 ? "ended" : "stopped";
+// The words at the end of a curve of a run that ended early, as in "ran away at 1.8 s".
+export function endWords({ reason, hasRunAway, loop, time }) {
+  const known = loop.reasons.includes(reason) ? "ended" : "stopped";
+  return `${hasRunAway ? "ran away" : known} at ${quantity(time.at(-1), "s")}`;
 }
 
 // How a run ended that did not reach its end, as in "ran away after 1.8 s"; "" for any other.
 export function endInWords(run) {
-  const { reason, loop } = run;
+  const { reason, hasRunAway, loop } = run;
   if (!reason) return "";
-  const place = loop.reasons.indexOf(reason);
-  if (place === 0) return `ran away after ${durationOf(run)}`;
-  if (place > 0) return `ended after ${durationOf(run)}, where ${reason}`;
+  if (hasRunAway) return `ran away after ${durationOf(run)}`;
+  if (loop.reasons.includes(reason)) return `ended after ${durationOf(run)}, where ${reason}`;
   return `cannot be simulated beyond ${durationOf(run)}`;
 }
 
