@@ -22,6 +22,7 @@
   return {
     samples,
     shown,
+    tries: [...document.querySelectorAll("#tries button")].slice(0, 3).map((x) => x.textContent),
     box,
     after: rows(),
     inputs: teleop.inputs,
