@@ -62,6 +62,7 @@ def test_numbers_of_a_context_are_inputs(look, tmp_path):
     assert found["title"] == "held pendulum: 0 s late"
     assert found["story"] == "A pendulum that is held late."
     assert found["shown"] == ["plant.length", "delay [s]", "plant/theta(0)"]
+    assert found["head"].startswith("statetheta thetadot held pendulum theta 0.4")
     assert found["tries"] == ["0 s late", "0.15 s late", "plant.length = 2"]
     assert found["box"][:2] == ["plant.length", "plant/theta(0)"]
     assert set(found["box"][2:]) == {"damping", "gravity", "mass"}
@@ -257,6 +258,17 @@ def test_a_delay_of_a_context_may_be_0():
     SetNumbers(diagram, context, {"delay": 0.0})
     recording = simulate(diagram, context=context, duration=1.0)
     assert recording.termination == "completed"
+
+
+def test_components_have_the_names_and_units_of_a_plant():
+    (loop,) = MakePage(SerialArm([0.5, 0.3])).data["controllers"]
+    names = {port.removeprefix(":"): x for port, x in loop["components"].items()}
+    assert names["state"] == ["joint 0_q", "joint 1_q", "joint 0_w", "joint 1_w"]
+    assert names["actuation"] == names["arm_net_actuation"] == ["motor 0", "motor 1"]
+    units = {port.removeprefix(":"): unit for port, (*_, unit) in loop["ports"].items()}
+    assert units["arm_state"] == "rad, rad/s"
+    assert units["net_actuation"] == units["actuation"] == "N m"
+    assert units["generalized_acceleration"] == "rad/s^2"
 
 
 @pytest.mark.slow

@@ -19,10 +19,11 @@ const READOUT = 7; // letters of a value at the cursor, if it has a prefix that 
 const EVENT_ROWS = 6; // for the names of events
 const EVENT_LETTER = 6.2; // px, the width of a letter in the name of an event
 
-// The size and the unit of a port in the first loop that has it.
+// The first loop that has a port, and the size and the unit of the port there.
 export function placeOf({ loops }, port) {
-  const [, size, unit] = loops.map((loop) => loop.ports[port]).find((place) => place);
-  return { size, unit };
+  const loop = loops.find(({ ports }) => ports[port]);
+  const [, size, unit] = loop.ports[port];
+  return { loop, size, unit };
 }
 
 // Ticks of an axis between two values.
@@ -217,8 +218,9 @@ export function sampleOf(name, dashes, className = "") {
 }
 
 // The legend entries of a port's components; a scalar has none.
-export function samplesOf(port, size) {
+export function samplesOf(view, port) {
+  const { loop, size } = placeOf(view, port);
   if (size === 1) return [];
-  const names = componentsOf(port, size).slice(0, MOST_LINES);
+  const names = componentsOf(loop, port, size).slice(0, MOST_LINES);
   return names.map((name, i) => sampleOf(name, DASHES[i % DASHES.length]));
 }

@@ -15,7 +15,6 @@ const SAME = 1e-12; // s
 const ROWS = 2 * 4;
 const TRIES = 2 * 5;
 
-
 const MOST_TRIES = 4e6;
 const MOST_ROOM = 1 << 19;
 const FIRST_PAUSE = 300; // ms of simulating before the browser may draw,
