@@ -35,22 +35,34 @@ export function largestOf({ loop, rows, width, time }) {
   return largest;
 }
 
-// The bounds of a run whose first row begins at a place in the rows.
-export function boundsOf({ loop, z }, rows, first) {
+// The bounds of a run whose first row begins at a place in the rows: those of its task, those of
+// the scopes, and for each column the magnitude below which all bounds of the scopes are kept.
+export function boundsOf({ loop, z, width }, rows, first) {
   const { reasons, signals, ports, largest = {} } = loop;
-  const bounds = reasons.map((reason, i) => {
+  const ofTask = reasons.map((reason, i) => {
     const [begin, size, lower, upper] = z.bounds.slice(4 * i, 4 * i + 4);
     return { begin, size, lower, upper, reason, isGrowth: i === 0 };
   });
+  const ofScopes = [];
+  const safe = new Float64Array(width).fill(Infinity);
   for (const [name, port] of Object.entries(signals)) {
     if (!ports[port]?.[1]) continue;
     const [begin, size, unit] = ports[port];
     const least = OFF_SCALE * Math.max(1, normAt(rows, first + begin, size));
     const upper = Math.max(least, name in largest ? OFF_SCALE * largest[name] : UNKNOWN);
     const reason = `${name.replaceAll("_", " ")} exceeds ${show(upper, 3)} ${unit}`.trim();
-    bounds.push({ begin, size, lower: -upper, upper, reason, isGrowth: true });
+    ofScopes.push({ begin, size, lower: -upper, upper, reason, isGrowth: true });
+    safe.fill(upper / Math.sqrt(size), begin, begin + size);
   }
-  return bounds;
+  return { ofTask, all: [...ofTask, ...ofScopes], safe };
+}
+
+// Whether the row that begins at a place may be beyond a bound of the scopes.
+function mayBeOff(safe, rows, place) {
+  for (let k = 0; k < safe.length; ++k) {
+    if (!(Math.abs(rows[place + k]) < safe[k])) return true;
+  }
+  return false;
 }
 
 // The excess of the row that begins at a place over a bound; see Bound.Excess() of
@@ -76,9 +88,9 @@ function quarterOf(bound, rows, last, width) {
 
 // The first bound that is left in the step that ends with a row, and the share of the step at which
 // it is left, which is NaN if the step is not finite; null if all are kept.
-export function crossingOf(bounds, rows, last, width) {
+export function crossingOf({ ofTask, all, safe }, rows, last, width) {
   let first = null;
-  for (const bound of bounds) {
+  for (const bound of mayBeOff(safe, rows, last * width) ? all : ofTask) {
     const quarter = quarterOf(bound, rows, last, width);
     if (quarter < 0) continue;
     const values = NODES_OF_STEP.map((k) => excess(rows, (last - 4 + k) * width, bound));
