@@ -131,7 +131,9 @@ def LateIntegral():
     builder.Connect(line.get_output_port(), gain.get_input_port())
     builder.Connect(gain.get_output_port(), x.get_input_port())
     builder.ExportOutput(x.get_output_port(), "x")
-    return builder.Build()
+    diagram = builder.Build()
+    diagram.set_name("late_integral")
+    return diagram
 
 
 def ExactIntegral(time, delay):
@@ -162,7 +164,8 @@ def test_beyond_its_margin_a_page_draws_the_growth(look, tmp_path):
     assert math.log(growth) / (2 * 0.25) == pytest.approx(root.real, rel=1e-5)
     when = f"{seen['end']:.0f} s"
     assert seen["said"] == (
-        f"It ran away after {when}: x exceeds 10000. x swings with 0.56 Hz, growing."
+        f"Late integral ran away after {when}: x exceeds 10000. "
+        "x swings with 0.56 Hz, growing."
     )
     assert (seen["crosses"], seen["words"]) == (1, [f"ran away at {when}"])
     assert seen["drawn"] > 100

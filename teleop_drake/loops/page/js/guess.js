@@ -9,6 +9,7 @@ import { Loop } from "./loop.js";
 import { clamp, parse, range, show } from "./numbers.js";
 import { onRuns } from "./simulate.js";
 import { chosen, shownLoop, state, values } from "./state.js";
+import { capital } from "./words.js";
 
 const GRID = 13; // delays that are simulated first,
 const HALVINGS = 4; // of the intervals in which the verdict changes
@@ -137,7 +138,7 @@ class Strip {
       const when = isAlways ? "from" : "at some delays from";
       parts.push(`runs away ${when} ${show(limitOf(row, away), 3)} s on`);
     }
-    return `${title[0].toUpperCase()}${title.slice(1)} ${parts.join(" and ")}. `;
+    return `${capital(title)} ${parts.join(" and ")}. `;
   }
 
   // The strip in words.

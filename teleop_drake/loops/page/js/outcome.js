@@ -5,7 +5,7 @@ import { motionInWords } from "./motion.js";
 import { onRuns } from "./simulate.js";
 import { state } from "./state.js";
 import { componentsOf, unitOfComponent } from "./units.js";
-import { endInWords, sentencesOn } from "./words.js";
+import { capital, endInWords, sentencesOn } from "./words.js";
 
 const MOST_SENTENCES = 3; // on the signals of a Diagram
 
@@ -34,7 +34,7 @@ export function shownMotions(run) {
 function sentencesOnSignals(run) {
   const end = endInWords(run);
   const sentences = shownMotions(run).map(([title, words]) => `${title} ${words}.`);
-  if (end) sentences.unshift(`It ${end}: ${run.reason}.`);
+  if (end) sentences.unshift(`${capital(run.loop.title)} ${end}: ${run.reason}.`);
   return sentences.slice(0, MOST_SENTENCES).join(" ");
 }
 

@@ -95,8 +95,9 @@ function makeHead(head, port, plotted) {
   const { size } = placeOf(state, port);
   head.replaceChildren(
     make("b", {}, port.replace(":", " · ").replace(/^ · /, "").replaceAll("_", " ")),
-    unit ? `[${unit}]` : "",
-    size > MOST_LINES ? `${MOST_LINES} of ${size}` : "",
+    [unit && `[${unit}]`, size > MOST_LINES && `${MOST_LINES} of ${size}`]
+      .filter(Boolean)
+      .join(" "),
     ...samplesOf(state, port),
     hasCommand ? sampleOf("command", "", "command") : "",
     ...state.runs.map((run) => makeReadout(run, port, size, plotted)),

@@ -12,6 +12,9 @@ export function quantity(value, unit) {
   return `${Math.abs(x) >= 9.95 ? x.toFixed(0) : x.toPrecision(2)} ${shown}`.trim();
 }
 
+// A text that begins with a capital.
+export const capital = (text) => text[0].toUpperCase() + text.slice(1);
+
 // The time from the start of a run to its end.
 const durationOf = ({ time, startTime }) => quantity(time.at(-1) - startTime, "s");
 
@@ -94,7 +97,7 @@ export function sentenceOf(run) {
   // With three clauses, a comma stands before "and", too.
   const link = clauses.length > 1 ? ", and " : " and ";
   const said = clauses.length ? clauses.join(", ") + link + last : last;
-  return `${title[0].toUpperCase()}${title.slice(1)} ${said}.`;
+  return `${capital(title)} ${said}.`;
 }
 
 // The sentences on runs, each with a line in the colour of its controller.
