@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import ConstantVectorSource
 
+from teleop_drake.loops.engine.components import FieldsOf, StateNamesOf
 from teleop_drake.loops.engine.constants import ConstantsOf
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
@@ -364,12 +365,9 @@ def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
 def _StateNames(system: System, vector: Any) -> list[str]:
     """Returns the names of a system's states."""
     if IsPlant(system):
-        names: list[str] = system.GetStateNames(add_model_instance_prefix=False)
-        if len(set(names)) < len(names):
-            return cast(list[str], system.GetStateNames())
-        return names
+        return StateNamesOf(system)
     if type(vector).__module__ == "pydrake.examples":
-        fields = _FieldsOf(vector)
+        fields = FieldsOf(vector)
         return sorted(fields, key=lambda name: fields[name])
     return [f"x{i}" for i in range(vector.size())]
 
@@ -412,29 +410,11 @@ def _NumericParameters(system: System, context: Context) -> Iterator[_Parameter]
     for number in range(context.num_numeric_parameter_groups()):
         vector = partial(context.get_mutable_numeric_parameter, number)
         size = vector().size()
-        fields = _FieldsOf(vector())
+        fields = FieldsOf(vector())
         for name, i in fields.items():
             yield _InVector(name, "", vector, slice(i, i + 1))
         if not fields:
             yield _InVector(f"parameter{number}", "", vector, slice(None), (size,))
-
-
-def _FieldsOf(vector: Any) -> dict[str, int]:
-    """Returns the index of each named element in one of Drake's vectors.
-
-    Such a vector has a method for each element, for example PendulumParams.set_mass().
-    A call of the method on a copy of the vector shows which element it sets.
-    """
-    places = {}
-    for method in dir(vector):
-        name = method.removeprefix("set_")
-        if name in (method, "value"):
-            continue
-        copy = vector.Clone()
-        copy.SetFromVector(np.zeros(vector.size()))
-        getattr(copy, method)(1.0)
-        places[name] = int(np.argmax(copy.CopyToVector()))
-    return places
 
 
 def _ParametersOfPlant(plant: Any, context: Context) -> Iterator[_Parameter]:

@@ -87,7 +87,7 @@ def Visible(name: str) -> str:
 
 def NameOf(system: System) -> str:
     """Returns the name of a system, or the name of its class if it has none."""
-    return Visible(system.get_name()) if _HasName(system) else ClassOf(system)
+    return Visible(system.get_name()) if HasName(system) else ClassOf(system)
 
 
 def CheckSystem(path: str, value: Any) -> None:
@@ -175,7 +175,8 @@ def SystemsByPath(system: System, path: str = "") -> dict[str, System]:
     return {own: part for part, own in PathsIn(system, path)}
 
 
-def _HasName(system: System) -> bool:
+def HasName(system: System) -> bool:
+    """Returns whether a user has named a system."""
     name = system.get_name()
     return bool(name) and not _ADDRESS.search(name)
 
@@ -183,11 +184,11 @@ def _HasName(system: System) -> bool:
 def NamesOf(systems: Sequence[System]) -> list[str]:
     """Returns a name for each system; unnamed systems of one class are numbered."""
     taken = {system.get_name() for system in systems}
-    classes = Counter(NameOf(system) for system in systems if not _HasName(system))
+    classes = Counter(NameOf(system) for system in systems if not HasName(system))
     names = []
     for system in systems:
         name = NameOf(system)
-        if not _HasName(system) and (classes[name] > 1 or name in taken):
+        if not HasName(system) and (classes[name] > 1 or name in taken):
             numbered = (f"{name}{k}" for k in itertools.count(1))
             name = next(x for x in numbered if x not in taken)
         taken.add(name)

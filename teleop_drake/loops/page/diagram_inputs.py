@@ -1,8 +1,10 @@
 """The sliders of a Diagram's page: numbers of its Context."""
 
+import re
 from collections.abc import Mapping, Sequence
 
 from teleop_drake.loops.engine.parameters import NumberName, Scalar
+from teleop_drake.loops.framework.signals import HasName, SystemsByPath
 from teleop_drake.loops.framework.validation import CheckChoice
 from teleop_drake.loops.page.fields import FieldNumbers, RangeAround
 from teleop_drake.loops.page.inputs import Input
@@ -13,6 +15,16 @@ _NUM_SLIDERS = 4
 
 # A range reaches from a parameter's value divided by this to its value times this.
 _FACTOR = 2
+
+# What one drags first: gains, then masses, lengths, limits and what is held.
+_SOUGHT = (
+    re.compile(r"k[pid]?|\w*gain\w*|stiffness"),
+    re.compile(r"m\d*|mass|l\d*|length|value|(min|max)_value"),
+)
+
+# Numbers that Drake has named, or nobody: they have an index for a name, and there may
+# be hundreds, as the weights of a network.
+_NAMELESS = re.compile(r"parameter\d+|[ABCD]|[fy]0|gear_ratio")
 
 
 def MakeDiagramInputs(
@@ -29,37 +41,69 @@ def MakeDiagramInputs(
     Raises:
         ScenarioError: If a number of `vary` does not exist or cannot be changed.
     """
-    ranges = _DefaultRanges(numbers) if vary is None else vary
-    for key in ranges:
+    if vary is None:
+        sliders = _DefaultSliders(numbers, runs)
+        return runs.FindInputs([sliders])
+    for key in vary:
         CheckChoice("vary", NumberName(key), numbers)
     sliders = [
-        _MakeInput(key, numbers[NumberName(key)], ends, is_wanted=vary is not None)
-        for key, ends in ranges.items()
+        _MakeInput(key, numbers[NumberName(key)], ends, is_wanted=True)
+        for key, ends in vary.items()
     ]
     return runs.FindInputs([sliders])
 
 
-def _DefaultRanges(numbers: Mapping[str, Scalar]) -> Ranges:
-    """Returns the ranges of all delays and of the first parameters that are not 0."""
+def _DefaultSliders(numbers: Mapping[str, Scalar], runs: Runs) -> list[Input]:
+    """Returns the sliders of all delays and of the parameters that are sought first.
+
+    Of each array it is the first element that is not 0 and changes the run.
+    """
     parameters = FieldNumbers(numbers, ())
-    delays = [name for name, x in parameters.items() if x.is_delay]
-    # Elements of matrices have a slider if they are named in `vary`.
-    sizes = [
-        name
-        for name, x in parameters.items()
-        if not x.is_delay and x.value != 0 and not (x.is_constant and "," in name)
+    delays = {name: x for name, x in parameters.items() if x.is_delay}
+    others = {name: x for name, x in parameters.items() if not x.is_delay and x.value}
+    (model,) = runs.models.values()
+    systems = SystemsByPath(model.diagram)
+    chosen = {path for path, system in systems.items() if HasName(system)}
+    ranks = {name: _RankOf(name, x, chosen) for name, x in others.items()}
+    sliders = [
+        _MakeInput(name, x, DelayRange(x.value), is_wanted=False)
+        for name, x in delays.items()
     ]
-    return {
-        **{name: DelayRange(parameters[name].value) for name in delays},
-        **{
-            name: RangeAround(parameters[name], _FACTOR)
-            for name in sizes[:_NUM_SLIDERS]
-        },
-    }
+    arrays = set()
+    for name in sorted(others, key=lambda x: (ranks[x], x.count("/"))):
+        whole, _, index = name.partition("(")
+        is_listed = ranks[name] == len(_SOUGHT) + 1 and bool(index)
+        if whole in arrays or is_listed:
+            continue
+        one = _MakeInput(name, others[name], RangeAround(others[name], _FACTOR))
+        one.is_tried = ranks[name] <= len(_SOUGHT)
+        if runs.HasChanges(one):
+            arrays.add(whole)
+            sliders.append(one)
+        if len(arrays) == _NUM_SLIDERS:
+            break
+    return sliders
+
+
+def _RankOf(name: str, number: Scalar, chosen: set[str]) -> int:
+    """Returns how soon a person would drag a number: 0 is the first.
+
+    A gain of -1 is a sign, and comes last.
+
+    Args:
+        chosen: The paths of systems that their user has named.
+    """
+    path = number.paths[0]
+    own = name.removeprefix(f"{path}.").partition("(")[0].rpartition(".")[2]
+    is_sign = own == "k" and number.value == -1
+    if path not in chosen or is_sign or _NAMELESS.fullmatch(own):
+        return len(_SOUGHT) + 1
+    fitting = (i for i, words in enumerate(_SOUGHT) if words.fullmatch(own))
+    return next(fitting, len(_SOUGHT))
 
 
 def _MakeInput(
-    key: str, number: Scalar, ends: Sequence[float], *, is_wanted: bool
+    key: str, number: Scalar, ends: Sequence[float], *, is_wanted: bool = False
 ) -> Input:
     """Returns the slider of a number."""
     low, high = RangeWith(key, ends, number.value)

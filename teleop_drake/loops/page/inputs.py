@@ -104,6 +104,7 @@ class Input:
         owners: The paths of the blocks to which it belongs.
         is_delay: Whether it is a delay.
         is_field: Whether it is shown only in the opened box of its block.
+        is_tried: Whether the page offers a value of it to try.
         changes: Its changes of each run, in the order of Runs.models.
     """
 
@@ -116,6 +117,7 @@ class Input:
     is_wanted: bool = False
     is_delay: bool = False
     is_field: bool = False
+    is_tried: bool = True
     changes: list[Change] = field(default_factory=list)
 
     @property

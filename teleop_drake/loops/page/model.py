@@ -13,6 +13,7 @@ from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.loops.engine.check import CheckRead
+from teleop_drake.loops.engine.components import ComponentFinder
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
 from teleop_drake.loops.engine.parameters import SetNumbers
@@ -40,11 +41,18 @@ from teleop_drake.loops.run.run import Job
 # A row of the port table in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
 
-# The units of a robot's ports if its joints turn, and if they slide.
+# The units of the ports of a robot and of its plant if its joints turn, and if they
+# slide.
 _JOINT_UNITS = {
     "joint_position": ("rad", "m"),
     "joint_velocity": ("rad/s", "m/s"),
     "joint_torque": ("N m", "N"),
+    "state": ("rad, rad/s", "m, m/s"),
+    "desired_state": ("rad, rad/s", "m, m/s"),
+    "generalized_acceleration": ("rad/s^2", "m/s^2"),
+    "actuation": ("N m", "N"),
+    "net_actuation": ("N m", "N"),
+    "applied_generalized_force": ("N m", "N"),
 }
 
 # The arrays of Memory that do not begin as zeros.
@@ -145,6 +153,7 @@ class Model:
             "width": self.run.evaluator.program.sizes[0],
             "numbers": self.numbers,
             "ports": self.Ports(),
+            "components": self.Components(),
             "signals": self.Signals(),
             "references": self.References(),
             "levels": Levels(self.diagram),
@@ -210,13 +219,30 @@ class Model:
         named = self.unit_of and self.unit_of(port, size)
         return named or _PortTable(block).get(port, "")
 
+    def Components(self) -> dict[str, list[str]]:
+        """Returns the names of the components of each port that has such names."""
+        blocks = self.run.evaluator.blocks
+        finder = ComponentFinder(blocks)
+        numbers = {block.system: i for i, block in enumerate(blocks)}
+        result = {}
+        for system, path in PathsIn(self.diagram):
+            names = {port: finder.Of(port) for port in VectorOutputs(system)}
+            for port in InputPorts(system):
+                leaf, name = InputsOf(system, int(port.get_index()))[0]
+                names[port] = finder.OfInput(numbers[leaf], name)
+            for port, own in names.items():
+                if own:
+                    result[f"{path}:{Visible(port.get_name())}"] = list(own)
+        return result
+
     def _JointUnit(self, path: str, port: str) -> str:
         """Returns the unit of a robot's joints; "" if some turn and others slide."""
-        plant = self.plants.get(f"{path}/plant")
+        plant = self.plants.get(path) or self.plants.get(f"{path}/plant")
         sorts = set() if plant is None else set(plant.tree.is_prismatic.tolist())
-        if len(sorts) != 1 or port not in _JOINT_UNITS:
+        kinds = [kind for kind in _JOINT_UNITS if f"_{port}".endswith(f"_{kind}")]
+        if len(sorts) != 1 or not kinds:
             return ""
-        turning, sliding = _JOINT_UNITS[port]
+        turning, sliding = _JOINT_UNITS[max(kinds, key=len)]
         return sliding if sorts.pop() else turning
 
     def References(self) -> list[tuple[int, int, int]]:

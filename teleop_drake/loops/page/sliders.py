@@ -60,7 +60,8 @@ class Runs:
         for inputs in alternatives:
             for one in inputs:
                 if one.key not in has_changes:
-                    has_changes[one.key] = self.HasChanges(one)
+                    is_known = bool(one.changes)
+                    has_changes[one.key] = is_known or self.HasChanges(one)
             found = [one for one in inputs if has_changes[one.key]]
             try:
                 self.Check(found)
@@ -76,7 +77,7 @@ class Runs:
         """Sets the changes by an input; returns whether there are any.
 
         A range of a delay that cannot begin at 0 begins at LEAST_DELAY. The reason why
-        an input cannot be changed is noted, unless it is a field.
+        a delay cannot be changed is noted.
 
         Raises:
             ScenarioError: If an input is wanted, but cannot be changed.
@@ -94,7 +95,8 @@ class Runs:
             if one.is_delay and one.low == 0 < one.value:
                 one.low = min(LEAST_DELAY, one.value)
                 return self.HasChanges(one)
-            if not one.is_field:
+            one.changes = []
+            if one.is_delay and not one.is_field:
                 self.notes.append(f"{one.key} has no slider: {error}")
             return False
         return True
@@ -150,6 +152,8 @@ def _DataOfInputs(inputs: Iterable[Input]) -> list[dict[str, Any]]:
             "unit": one.label.partition("[")[2].rstrip("]"),
             "owners": one.owners,
             "isField": one.is_field,
+            "isDelay": one.is_delay,
+            "isTried": one.is_tried,
             "value": one.value,
             "min": one.low if one.is_continuous else one.stops[0],
             "max": one.high if one.is_continuous else one.stops[-1],

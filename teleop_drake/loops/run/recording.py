@@ -106,6 +106,8 @@ class Recording:
             `interrupted`.
         reason: Why the run did not complete; empty if it did.
         notes: Remarks on the run, for example on what was left out, and why.
+        components: The names of the components of signals, as far as a plant or a
+            vector of Drake has such names: theta, or shoulder_q.
         final_context: The Context of the System at the end of the run, from which
             simulate() can continue. None for compiled runs of a block with delays
             that is no KernelBlock, for runs of scenarios, and for a recording that
@@ -120,6 +122,7 @@ class Recording:
     termination: str = "completed"
     reason: str = ""
     notes: list[str] = field(default_factory=list)
+    components: dict[str, list[str]] = field(default_factory=dict)
     steps: Indices = field(default_factory=lambda: np.empty((0, 0), int))
     # A factory, because a default would be found before __getattr__() is called.
     final_context: Any = field(default_factory=lambda: None)
@@ -209,9 +212,9 @@ class Recording:
 
         The columns have two levels, the signal's name and the number of the component:
         `table["psi"]` contains all components of psi, `table["psi", 0]` the first one.
-        The components of a packet have names instead of numbers, as in
-        `table["forward_packet_sent", "F_h x"]`. The index is the time in s; a jump has
-        two rows with the same time.
+        Components that have names have them instead of numbers, as in
+        `table["forward_packet_sent", "F_h x"]` and `table["state", "theta"]`. The index
+        is the time in s; a jump has two rows with the same time.
         """
         import pandas  # The import takes half a second.
 
@@ -238,22 +241,23 @@ class Recording:
         """Writes the signals as a CSV file, completely or not at all.
 
         The first column is the time in s; a jump has two rows with the same time. The
-        other columns are the components of the signals, such as `tool_velocity[0]`, in
-        SI units.
+        other columns are the components of the signals, such as `tool_velocity[0]` or
+        `state[theta]`, in SI units.
 
         Raises:
             OSError: If the file cannot be written.
         """
         heads = ["time_s"]
         for name, x in self.signals.items():
-            heads += [f"{name}[{i}]" for i in range(x.shape[1])]
+            names = self.components.get(name, range(x.shape[1]))
+            heads += [f"{name}[{component}]" for component in names]
         table = np.column_stack([self.time, *self.signals.values()])
         with Replacing(path) as file:
             np.savetxt(file, table, "%.10g", ",", header=",".join(heads), comments="")
 
     def Components(self, name: str, size: int) -> list[Any]:
         """Returns the names of a signal's components, or their numbers."""
-        return list(range(size))
+        return list(self.components.get(name, range(size)))
 
     def Interpolate(self, name: str, times: Array) -> Array:
         """Returns a signal between its samples.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.loops.engine.components import ComponentsIn
 from teleop_drake.loops.engine.flatten import NearLimit, UnreadableLeaf
 from teleop_drake.loops.engine.parameters import CheckNumbers
 from teleop_drake.loops.framework.signals import (
@@ -236,6 +237,7 @@ def RecordingOf(
     later: dict[str, Callable[[Recording], Any]] = {
         "events": lambda _: run.find_events(),
         "notes": lambda _: NotesOn(run, notes),
+        "components": lambda _: ComponentsIn(job.diagram, job.signals),
     }
     if make_final is not None:
         later["final_context"] = lambda _: make_final()

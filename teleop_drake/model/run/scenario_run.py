@@ -7,6 +7,7 @@ from typing import Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
+from teleop_drake.loops.engine.components import ComponentsIn
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.framework.arrays import Record
@@ -111,7 +112,10 @@ def Finish(
     """Cuts off a scenario's run where it leaves a bound, and makes its recording."""
     EndWhereFinite(run)
     EndAtBound(job.bound, run)
-    return MakeRecording(scenario, job.config, run, notes, task.FindEvents)
+    recording = MakeRecording(scenario, job.config, run, notes, task.FindEvents)
+    names = {"components": lambda _: ComponentsIn(job.diagram, job.signals)}
+    recording.FindLater(names)
+    return recording
 
 
 def _CheckTeleoperator(

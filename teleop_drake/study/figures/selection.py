@@ -66,9 +66,10 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     (size,) = sizes
     unit = UnitOf(signal)
     name = signal.replace("_", " ")
+    own = recordings[0].components.get(signal)
     if len(recordings) == 1 and size > 1 and unit is None:
         # Components without axes share a row.
-        named = [f"$c_{{{k + 1}}}$" for k in range(size)]
+        named = own or [f"$c_{{{k + 1}}}$" for k in range(size)]
         return [
             SignalRow(
                 label=name,
@@ -80,7 +81,9 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
         ]
     parts = recordings[0].Components(signal, size)
     axes = AxesOf(size) if unit is not None else tuple(map(str, range(1, size + 1)))
-    if isinstance(parts[0], str):  # A packet.
+    if own is not None:
+        shown = [(f"{name}\n{part}", "") for part in own]
+    elif isinstance(parts[0], str):  # A packet.
         end = signal.rpartition("_")[2]
         shown = [(f"{part}\n{end}", PartUnit(part)) for part in parts]
     elif size > _MAX_ROWS:

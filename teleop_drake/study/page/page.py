@@ -113,7 +113,8 @@ def MakePage(
     """Makes a page that shows a block diagram and simulates it.
 
     The page opens from disk in any current browser. It needs no network and loads no
-    other file.
+    other file. A run that grows without bound is drawn until a recorded signal is
+    10 000 times as large as in the first run; signals below 1 in SI units count as 1.
 
     Args:
         scenario_or_diagram: A scenario, its name or file; any system whose blocks have

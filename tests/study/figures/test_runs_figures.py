@@ -269,6 +269,10 @@ def test_a_diagram_of_ones_own_has_a_panel_for_each_signal():
     assert [len(Curves(ax)) for ax in figure.axes] == [2, 1]
     assert figure.axes[1].get_xlim() == (0.0, 2.0)
     assert len(PlotRun(run, signals=["level"], columns=1).axes) == 1
+    names = ["theta", "thetadot"]
+    named = dataclasses.replace(run, components={"some_waves": names})
+    legend = PlotRun(named).axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == names
     with pytest.raises(ValueError, match=r"^signals = \[\]: must be"):
         PlotRun(run, signals=[])
 

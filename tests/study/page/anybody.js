@@ -22,6 +22,8 @@
   return {
     samples,
     shown,
+    head: document.querySelector(".scope .head").textContent,
+    tries: [...document.querySelectorAll("#tries button")].slice(0, 3).map((x) => x.textContent),
     box,
     after: rows(),
     inputs: teleop.inputs,

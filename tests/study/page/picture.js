@@ -31,8 +31,8 @@
     arrows,
     names,
     events,
-    psi: componentsOf("controller:psi", 4),
-    torque: componentsOf("robot:joint_torque", 2),
+    psi: componentsOf(state.loops[1], "controller:psi", 4),
+    torque: componentsOf(state.loops[1], "robot:joint_torque", 2),
     units: ["controller:psi", "robot:joint_torque", "robot:joint_velocity"].map(unitOf),
     cursors: textOf(".scope .cursor").length,
   };

@@ -16,6 +16,7 @@ from pydrake.systems.primitives import (
     ConstantVectorSource,
     Gain,
     Integrator,
+    MultilayerPerceptron,
     RandomSource,
     ZeroOrderHold,
 )
@@ -61,6 +62,8 @@ def test_numbers_of_a_context_are_inputs(look, tmp_path):
     assert found["title"] == "held pendulum: 0 s late"
     assert found["story"] == "A pendulum that is held late."
     assert found["shown"] == ["plant.length", "delay [s]", "plant/theta(0)"]
+    assert found["head"].startswith("statetheta thetadot held pendulum theta 0.4")
+    assert found["tries"] == ["0 s late", "0.15 s late", "plant.length = 2"]
     assert found["box"][:2] == ["plant.length", "plant/theta(0)"]
     assert set(found["box"][2:]) == {"damping", "gravity", "mass"}
     assert sorted(found["after"]) == sorted(found["shown"])
@@ -147,8 +150,24 @@ def test_without_ranges_delays_and_four_parameters_have_sliders():
     shown = [name for name in _Inputs(page) if not _Inputs(page)[name]["isField"]]
     assert shown == [
         "sensor.delay",
-        *("plant.damping", "plant.gravity", "plant.length", "plant.mass"),
+        *("pid.kp", "pid.ki", "pid.kd", "plant.length"),
     ]
+
+
+def test_nobody_is_asked_to_drag_a_weight_or_what_has_no_name():
+    builder = DiagramBuilder()
+    network = builder.AddNamedSystem("network", MultilayerPerceptron([1, 3, 1]))
+    unnamed = builder.AddSystem(Gain(2.0, 1))
+    state = builder.AddNamedSystem("state", Integrator(1))
+    builder.Connect(network.get_output_port(), unnamed.get_input_port())
+    builder.Connect(unnamed.get_output_port(), state.get_input_port())
+    builder.Connect(state.get_output_port(), network.get_input_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.SetRandomContext(context, RandomGenerator(1))
+    page = MakePage(diagram, context=context)
+    sliders = [one for one in page.data["inputs"] if not one["isField"]]
+    assert [(one["name"], one["isTried"]) for one in sliders] == [("Gain.k", False)]
 
 
 def _Inputs(page):
@@ -239,6 +258,17 @@ def test_a_delay_of_a_context_may_be_0():
     SetNumbers(diagram, context, {"delay": 0.0})
     recording = simulate(diagram, context=context, duration=1.0)
     assert recording.termination == "completed"
+
+
+def test_components_have_the_names_and_units_of_a_plant():
+    (loop,) = MakePage(SerialArm([0.5, 0.3])).data["controllers"]
+    names = {port.removeprefix(":"): x for port, x in loop["components"].items()}
+    assert names["state"] == ["joint 0_q", "joint 1_q", "joint 0_w", "joint 1_w"]
+    assert names["actuation"] == names["arm_net_actuation"] == ["motor 0", "motor 1"]
+    units = {port.removeprefix(":"): unit for port, (*_, unit) in loop["ports"].items()}
+    assert units["arm_state"] == "rad, rad/s"
+    assert units["net_actuation"] == units["actuation"] == "N m"
+    assert units["generalized_acceleration"] == "rad/s^2"
 
 
 @pytest.mark.slow

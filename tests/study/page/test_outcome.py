@@ -1,11 +1,16 @@
 """The sentences under the title of a page: what each run did."""
 
 import math
+from fractions import Fraction
 
+import numpy as np
 import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Gain, Integrator
+from scipy.special import lambertw
 from servo import Servo
 
-from teleop_drake import WritePage
+from teleop_drake import TransportDelay, WritePage
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.model.tasks.metrics import RunSentence
@@ -50,9 +55,9 @@ def test_on_paper_it_is_the_caption(seen):
 
 
 def test_a_run_that_ran_away_ends_with_a_cross(seen):
-    """A cross for each of its two lines, and its word once."""
+    """A cross for each of its two lines, and its words once."""
     assert seen["before"]["crosses"] == seen["after"]["crosses"] == 2
-    assert seen["after"]["words"].count("ran away") == 1
+    assert seen["after"]["words"].count("ran away at 2.2 s") == 1
 
 
 def test_after_its_end_a_run_has_no_values_and_no_arm(seen):
@@ -111,3 +116,56 @@ def motions(look, own_page):
 )
 def test_a_curve_in_words(motions, curve, words):
     assert motions[curve] == words
+
+
+GAIN = 5  # 1/s: with a delay from pi/10 s on, x' = -5 x(t - T) is unstable.
+
+
+def LateIntegral():
+    """x' = -5 x(t - T) with x(0) = 1, and with 0 before."""
+    builder = DiagramBuilder()
+    x = builder.AddNamedSystem("integral", Integrator([1.0]))
+    line = builder.AddNamedSystem("line", TransportDelay(0.1, 1))
+    gain = builder.AddNamedSystem("gain", Gain(-float(GAIN), 1))
+    builder.Connect(x.get_output_port(), line.get_input_port())
+    builder.Connect(line.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), x.get_input_port())
+    builder.ExportOutput(x.get_output_port(), "x")
+    diagram = builder.Build()
+    diagram.set_name("late_integral")
+    return diagram
+
+
+def ExactIntegral(time, delay):
+    """The solution from step to step of the delay, in exact numbers."""
+    late = [Fraction(time) - k * Fraction(delay) for k in range(100)]
+    parts = [
+        Fraction(-GAIN * t) ** k / math.factorial(k)
+        for k, t in enumerate(late)
+        if t >= 0
+    ]
+    return float(sum(parts))
+
+
+def test_beyond_its_margin_a_page_draws_the_growth(look, tmp_path):
+    """Up to 10 000 times the first run's range, which is the start of 1."""
+    page = tmp_path / "integral.html"
+    WritePage(LateIntegral, page, duration=60.0, vary={"line.delay": (0.01, 1.0)})
+    seen = look(page, "runaway.js")
+    assert seen["status"] == ""
+    assert seen["last"] == pytest.approx(ExactIntegral(seen["end"], 0.5), rel=1e-5)
+    assert abs(seen["last"]) == pytest.approx(1e4, rel=1e-9)
+    # Where the fastest root alone is seen, three values at equal distances have the
+    # recurrence of its polynomial, a quotient of which is its growth.
+    x = np.array(seen["values"])
+    shifted = np.stack([x[1:-1], -x[:-2]], axis=1)
+    (_, growth), *_ = np.linalg.lstsq(shifted, x[2:], rcond=None)
+    root = lambertw(-GAIN * 0.5) / 0.5
+    assert math.log(growth) / (2 * 0.25) == pytest.approx(root.real, rel=1e-5)
+    when = f"{seen['end']:.0f} s"
+    assert seen["said"] == (
+        f"Late integral ran away after {when}: x exceeds 10000. "
+        "x swings with 0.56 Hz, growing."
+    )
+    assert (seen["crosses"], seen["words"]) == (1, [f"ran away at {when}"])
+    assert seen["drawn"] > 100

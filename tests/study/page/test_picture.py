@@ -52,6 +52,6 @@ def test_events_are_named_once_for_each_controller(seen):
 
 def test_components_and_units(seen):
     assert seen["psi"] == ["11", "12", "21", "22"]
-    assert seen["torque"] == ["1", "2"]
+    assert seen["torque"] == ["shoulder", "elbow"]
     assert seen["units"] == ["1/kg", "N m", "rad/s"]
     assert seen["cursors"] == 3

@@ -50,7 +50,7 @@ function open(path) {
     else row.remove();
   }
   $("box").className = "";
-  const isPlotted = (name) => loop.ports[`${path}:${name}`];
+  const isPlotted = (name) => loop.ports[`${path}:${name}`]?.[1];
   const ports = [...box.u, ...box.y].filter(isPlotted);
   const others = [...box.u, ...box.y].filter((name) => !isPlotted(name));
   const buttons = ports.map((name) => makeButton(name, () => toggleScope(`${path}:${name}`)));

@@ -9,6 +9,7 @@ import { Loop } from "./loop.js";
 import { clamp, parse, range, show } from "./numbers.js";
 import { onRuns } from "./simulate.js";
 import { chosen, shownLoop, state, values } from "./state.js";
+import { capital } from "./words.js";
 
 const GRID = 13; // delays that are simulated first,
 const HALVINGS = 4; // of the intervals in which the verdict changes
@@ -85,6 +86,7 @@ class Strip {
   async find(loop, isStale) {
     const { stops, min, max } = delayInput();
     if (!this.loops.has(loop)) this.loops.set(loop, new Loop(loop.data, state.data.inputs));
+    this.loops.get(loop).largest = loop.largest;
     let found = [];
     const look = async (delay) => {
       const verdict = await this.verdictAt(this.loops.get(loop), delay, isStale);
@@ -136,7 +138,7 @@ class Strip {
       const when = isAlways ? "from" : "at some delays from";
       parts.push(`runs away ${when} ${show(limitOf(row, away), 3)} s on`);
     }
-    return `${title[0].toUpperCase()}${title.slice(1)} ${parts.join(" and ")}. `;
+    return `${capital(title)} ${parts.join(" and ")}. `;
   }
 
   // The strip in words.

@@ -202,7 +202,7 @@ export class Lab {
     // On paper the picture is scaled to the available width.
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     const keys = this.runs.filter((run) => run.columns(port)).map(({ loop }) => keyOf(loop));
-    const components = size <= MOST_LINES ? samplesOf(port, size) : [];
+    const components = size <= MOST_LINES ? samplesOf(this, port) : [];
     const title = signal.replaceAll("_", " ");
     const pale = this.pinned.length ? "pale: our run at the thesis's numbers" : "";
     head.replaceChildren(make("b", {}, unit ? `${title} [${unit}]` : title));

@@ -76,7 +76,8 @@ export class Loop {
         const [first, width] = this.shapeOf(shape, values, grows);
         places[field] = take(first * width);
         header.push(places[field].at, first, ...shape.slice(1));
-        writes.push({ place: places[field], values, isWhole });
+        // What a run has not written into its rows, it does not read.
+        writes.push({ place: places[field], values, isWhole, isKept: field.startsWith("row") });
       }
       const place = take(header.length);
       writes.push({ place, values: header, isWhole: true });
@@ -95,11 +96,11 @@ export class Loop {
     return [values && width ? given : size, width];
   }
 
-  // Writes values, or zeros without values, to a place in memory.
-  write({ place: { at, count }, values, isWhole }) {
+  // Writes values to a place in memory, and zeros behind them if nothing is kept there.
+  write({ place: { at, count }, values, isWhole, isKept }) {
     const kind = isWhole ? BigInt64Array : Float64Array;
     const array = new kind(this.memory.buffer, at, count);
-    array.fill(isWhole ? 0n : 0);
+    if (!isKept) array.fill(isWhole ? 0n : 0);
     if (values) array.set(isWhole ? Array.from(values, BigInt) : values);
   }
 

@@ -12,11 +12,12 @@ export const parse = (text) => (text.trim() === "" ? NaN : Number(text));
 // The sum of products.
 export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 
-// The least and the largest of some numbers.
-export function extent(values) {
+// The least and the largest of some numbers, or of numbers of some things.
+export function extent(things, numberOf = (x) => x) {
   let low = Infinity;
   let high = -Infinity;
-  for (const value of values) {
+  for (const thing of things) {
+    const value = numberOf(thing);
     low = Math.min(low, value);
     high = Math.max(high, value);
   }

@@ -4,8 +4,8 @@ import { $ } from "./elements.js";
 import { motionInWords } from "./motion.js";
 import { onRuns } from "./simulate.js";
 import { state } from "./state.js";
-import { componentsOf } from "./units.js";
-import { sentencesOn } from "./words.js";
+import { componentsOf, unitOfComponent } from "./units.js";
+import { capital, endInWords, sentencesOn } from "./words.js";
 
 const MOST_SENTENCES = 3; // on the signals of a Diagram
 
@@ -17,11 +17,12 @@ export function shownMotions(run) {
   for (const name of names) {
     const port = signals[name];
     const columns = run.columns(port) ?? [];
-    const components = componentsOf(port, columns.length);
+    const components = componentsOf(run.loop, port, columns.length);
     columns.forEach((column, i) => {
       const found = references.find(([begin, , n]) => column >= begin && column < begin + n);
       const reference = found && found[1] + column - found[0];
-      const words = motionInWords(run, column, ports[port][2], reference, columns);
+      const unit = unitOfComponent(ports[port][2], i, columns.length);
+      const words = motionInWords(run, column, unit, reference, columns);
       const title = `${name.replaceAll(/[_:/.]/g, " ")} ${components[i]}`.trim();
       motions.push([title, words]);
     });
@@ -29,9 +30,11 @@ export function shownMotions(run) {
   return motions;
 }
 
-// The sentences on the first of these signals.
+// The sentences on how a run has ended early, and on the first of these signals.
 function sentencesOnSignals(run) {
+  const end = endInWords(run);
   const sentences = shownMotions(run).map(([title, words]) => `${title} ${words}.`);
+  if (end) sentences.unshift(`${capital(run.loop.title)} ${end}: ${run.reason}.`);
   return sentences.slice(0, MOST_SENTENCES).join(" ");
 }
 

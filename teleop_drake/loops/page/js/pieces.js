@@ -4,6 +4,8 @@
 // A signal in pieces is an array with five values for each piece, at equal distances. Between these
 // values the signal is the quartic through them. A vector has one such array for each component.
 
+import { extent } from "./numbers.js";
+
 const NODES = [0, 0.25, 0.5, 0.75, 1];
 export const SAME_INSTANT = 5e-12; // s, see numerics/pieces.py
 const INWARDS = 2 * SAME_INSTANT;
@@ -181,8 +183,7 @@ export function maximum(y, [first, last]) {
   if (first >= last) return valueBefore(y, first);
   let most = -Infinity;
   for (let i = first; i < last; ++i) {
-    const high = Math.max(...y[i]);
-    const low = Math.min(...y[i]);
+    const [low, high] = extent(y[i]);
     // A quartic deviates from the middle of its five values by at most this factor times half of
     // their range.
     if ((high + low) / 2 + (LEBESGUE * (high - low)) / 2 < most) continue;
@@ -195,19 +196,38 @@ export const largest = (y, span) => Math.max(maximum(y, span), -minimum(y, span)
 
 // The total variation of a signal, jumps included.
 export function variation(y) {
-  const values = y.flatMap(extremes);
-  return values.reduce((sum, x, i) => sum + (i ? Math.abs(x - values[i - 1]) : 0), 0);
+  let sum = 0;
+  let [[before]] = y;
+  for (const values of y) {
+    for (const value of extremes(values)) {
+      sum += Math.abs(value - before);
+      before = value;
+    }
+  }
+  return sum;
 }
+
+// The integral of the product of two polynomials over a piece of length 1, from their powers.
+function productOf(c, d) {
+  let sum = 0;
+  for (let a = 0; a < 5; ++a) {
+    for (let b = 0; b < 5; ++b) sum += (c[a] * d[b]) / (a + b + 1);
+  }
+  return sum;
+}
+
+// These integrals for polynomials that are 1 at one of the five values, and 0 at the others.
+const BASIS = NODES.map((node) => powersOf(NODES.map((x) => Number(x === node))));
+const PRODUCTS = BASIS.map((c) => BASIS.map((d) => productOf(c, d)));
 
 // The root of the mean square of a signal over time.
 export function rms(y, lengths) {
   let total = 0;
   let duration = 0;
   y.forEach((values, i) => {
-    const c = powersOf(values);
     let square = 0;
     for (let a = 0; a < 5; ++a) {
-      for (let b = 0; b < 5; ++b) square += (c[a] * c[b]) / (a + b + 1);
+      for (let b = 0; b < 5; ++b) square += values[a] * values[b] * PRODUCTS[a][b];
     }
     total += lengths[i] * square;
     duration += lengths[i];

@@ -7,7 +7,7 @@
 import { make, safe } from "./elements.js";
 import { clamp, extent, range, show } from "./numbers.js";
 import { componentsOf, scaleAndUnit } from "./units.js";
-import { endWord } from "./words.js";
+import { endWords } from "./words.js";
 
 const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // The dashes of the components of a vector.
 export const MOST_LINES = 6;
@@ -16,13 +16,15 @@ export const RIGHT = 18;
 const TOP = 4;
 const BELOW = 18;
 const READOUT = 7; // letters of a value at the cursor, if it has a prefix that suits it
+const NEAR_LINE = 0.1; // px, the distance from a line that is not seen
 const EVENT_ROWS = 6; // for the names of events
 const EVENT_LETTER = 6.2; // px, the width of a letter in the name of an event
 
-// The size and the unit of a port in the first loop that has it.
+// The first loop that has a port, and the size and the unit of the port there.
 export function placeOf({ loops }, port) {
-  const [, size, unit] = loops.map((loop) => loop.ports[port]).find((place) => place);
-  return { size, unit };
+  const loop = loops.find(({ ports }) => ports[port]);
+  const [, size, unit] = loop.ports[port];
+  return { loop, size, unit };
 }
 
 // Ticks of an axis between two values.
@@ -89,10 +91,41 @@ function linesOf(view, port, width) {
       dashes: DASHES[component % DASHES.length],
       className: i < pinned.length ? "pale" : "",
       hasEnded: i >= pinned.length && run.hasEnded(window[1]),
-      end: component ? "" : endWord(run),
+      end: component ? "" : endWords(run),
     }));
   });
   return [...commandOf(view, port, width), ...lines, ...marks];
+}
+
+// The places [x, y] of a line in pixels without those that move it by less than a tolerance.
+function simplified(places) {
+  if (!places.length) return [];
+  let from = places[0];
+  let before = from;
+  const kept = [from];
+  // The slopes of the lines from the last kept place that pass near all places since.
+  let low = -Infinity;
+  let high = Infinity;
+  const keep = (place) => {
+    if (place !== from) kept.push(place);
+    from = place;
+    low = -Infinity;
+    high = Infinity;
+  };
+  for (const place of places) {
+    const isJump = place[0] === before[0];
+    const slope = (place[1] - from[1]) / (place[0] - from[0]);
+    if (isJump || slope < low || slope > high) keep(before);
+    if (isJump) keep(place);
+    const across = place[0] - from[0];
+    if (across > 0) {
+      low = Math.max(low, (place[1] - NEAR_LINE - from[1]) / across);
+      high = Math.min(high, (place[1] + NEAR_LINE - from[1]) / across);
+    }
+    before = place;
+  }
+  keep(before);
+  return kept;
 }
 
 // A place in pixels with one decimal.
@@ -100,7 +133,8 @@ const rounded = (x) => Math.round(10 * x) / 10;
 
 // The axes of a picture: the range of its values, and the maps of a time and a value to pixels.
 function axesOf(lines, [begin, end], unit, width, height) {
-  const known = extent(lines.flatMap(({ points }) => points.map(([, value]) => value)));
+  const ranges = lines.map(({ points }) => extent(points, ([, value]) => value));
+  const known = extent(ranges.flat());
   const [least, most] = known[0] > known[1] ? [-1, 1] : known;
   const [scale, shownUnit] = scaleAndUnit([least, most], unit);
   const gap = 0.06 * (most - least) || 0.01 * Math.abs(most) || 0.5;
@@ -195,8 +229,8 @@ export function plot(view, port, width, height) {
   const axes = axesOf(lines, window, placeOf(view, port).unit, width, height);
   const { x, y, bottom } = axes;
   const curves = lines.map(({ points, color, dashes, className }) => {
-    const places = points.map(([t, value]) => `${x(t)},${y(value)}`).join(" ");
-    return `<polyline class="${className}" points="${places}" stroke="${color}"
+    const places = simplified(points.map(([t, value]) => [x(t), y(value)]));
+    return `<polyline class="${className}" points="${places.join(" ")}" stroke="${color}"
       stroke-dasharray="${dashes}"/>`;
   });
   const [events, names] = drawEvents(view, axes, width);
@@ -217,8 +251,9 @@ export function sampleOf(name, dashes, className = "") {
 }
 
 // The legend entries of a port's components; a scalar has none.
-export function samplesOf(port, size) {
+export function samplesOf(view, port) {
+  const { loop, size } = placeOf(view, port);
   if (size === 1) return [];
-  const names = componentsOf(port, size).slice(0, MOST_LINES);
+  const names = componentsOf(loop, port, size).slice(0, MOST_LINES);
   return names.map((name, i) => sampleOf(name, DASHES[i % DASHES.length]));
 }

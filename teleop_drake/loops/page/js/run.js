@@ -1,10 +1,11 @@
 // A run of a loop: its rows in the module's memory, and its signals at any time. See
 // engine/advance.py for the module's run(), numerics/step_polynomials.py for the polynomials of
-// steps, and simulation/ending.py for bounds.
+// steps, and bounds.js for where it ends early.
 
+import { NODES_OF_STEP, boundsOf, crossingOf, largestOf } from "./bounds.js";
 import { measure } from "./metrics.js";
 import { clamp, range } from "./numbers.js";
-import { bisect, powersOf, valueAt } from "./pieces.js";
+import { powersOf, valueAt } from "./pieces.js";
 
 // The status codes of a module's run(), and indices into the counts of engine/problem.py. Integers
 // have 64 bits in memory and are read as pairs of 32-bit numbers.
@@ -13,9 +14,6 @@ const STUCK = 2;
 const SAME = 1e-12; // s
 const ROWS = 2 * 4;
 const TRIES = 2 * 5;
-
-const NODES_OF_STEP = range(5);
-const QUARTERS = range(4);
 
 const MOST_TRIES = 4e6;
 const MOST_ROOM = 1 << 19;
@@ -44,7 +42,8 @@ export class Run {
     this.loop = loop;
     this.z = z;
     this.width = loop.width;
-    this.reason = ""; // The reason why it ended early, if it did.
+    this.reason = ""; // The reason why it ended early, if it did,
+    this.hasRunAway = false; // and whether a signal has grown too large.
     this.events = [];
     this.metrics = {};
     [this.endTime, this.accuracy, this.longest] = z.run;
@@ -73,7 +72,6 @@ export class Run {
     const names = Object.keys(this.places);
     const old = names.map((name) => this.array(name, Uint8Array).slice());
     this.loop.room *= 2;
-    if (this.loop.room > MOST_ROOM) throw new Error("the run needs too many steps");
     [this.headers, this.places] = this.loop.layOut(this.z);
     names.forEach((name, i) => this.array(name, Uint8Array).set(old[i]));
   }
@@ -111,8 +109,11 @@ export class Run {
       if (status === STUCK) this.reason = "the step would have to be too small";
       this.endAtBound();
       const counts = this.array("counts", Int32Array);
-      if (counts[TRIES] > MOST_TRIES) throw new Error("the loop is too stiff");
-      if (status === FULL && counts[ROWS] === before) this.grow();
+      if (counts[TRIES] > MOST_TRIES) this.reason ||= "the loop is too stiff";
+      if (status === FULL && counts[ROWS] === before && !this.reason) {
+        if (this.loop.room < MOST_ROOM) this.grow();
+        else this.reason = "the run needs too many steps";
+      }
       before = counts[ROWS];
       if (performance.now() > pause) {
         await new Promise((go) => setTimeout(go));
@@ -146,6 +147,7 @@ export class Run {
     if (!isOver) return;
     this.time = this.time.slice();
     this.rows = this.rows.slice();
+    this.loop.largest ??= this.reason ? {} : largestOf(this);
     ({ events: this.events, metrics: this.metrics } = measure(this));
   }
 
@@ -153,10 +155,13 @@ export class Run {
   endAtBound() {
     const counts = this.array("counts", Int32Array);
     const flags = this.array("row_ends", Int32Array);
+    const rows = this.array("rows");
+    if (counts[ROWS] > this.first) this.bounds ??= boundsOf(this, rows, this.first * this.width);
     for (let last = this.checked; last < counts[ROWS]; ++last) {
-      const found = flags[2 * last] ? this.firstBound(last) : null;
+      if (!flags[2 * last]) continue;
+      const found = crossingOf(this.bounds, rows, last, this.width);
       if (!found) continue;
-      this.reason = this.loop.reasons[found.bound];
+      ({ reason: this.reason, isGrowth: this.hasRunAway } = found.bound);
       const isKnown = Number.isFinite(found.share);
       if (isKnown) this.cutStep(last, found.share);
       // A step that is not finite is cut to its begin.
@@ -164,38 +169,6 @@ export class Run {
       return;
     }
     this.checked = counts[ROWS];
-  }
-
-  // The first bound that is left in the step that ends with a row: its index, and the fraction of
-  // the step at which it is left.
-  firstBound(last) {
-    const rows = this.array("rows");
-    const { bounds } = this.z;
-    let first = null;
-    for (let bound = 0; bound < bounds.length / 4; ++bound) {
-      const excess = NODES_OF_STEP.map((k) => this.excess(rows, last - 4 + k, bound));
-      const j = QUARTERS.find((k) => excess[k] < 0 && !(excess[k + 1] < 0));
-      if (j === undefined) continue;
-      const powers = powersOf(excess);
-      const crossing = bisect((x) => valueAt(powers, x) < 0, j / 4, (j + 1) / 4);
-      const share = excess.every(Number.isFinite) ? crossing : NaN;
-      if (!first || share < first.share) first = { bound, share };
-    }
-    return first;
-  }
-
-  // The excess of a row over a bound; see Bound.Excess() of simulation/ending.py.
-  excess(rows, row, bound) {
-    const { bounds } = this.z;
-    const at = 4 * bound;
-    const begin = row * this.width + bounds[at];
-    const size = bounds[at + 1];
-    const lower = bounds[at + 2];
-    const upper = bounds[at + 3];
-    if (size === 1) return Math.max(lower - rows[begin], rows[begin] - upper);
-    let square = 0;
-    for (let k = 0; k < size; ++k) square += (rows[begin + k] / upper) ** 2;
-    return Math.sqrt(square) - 1;
   }
 
   // Shortens the step that ends with a row to a fraction of it.

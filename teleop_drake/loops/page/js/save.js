@@ -2,6 +2,7 @@
 
 import { $, make } from "./elements.js";
 import { range } from "./numbers.js";
+import { placeOf } from "./plot.js";
 import { changedFields, isChanged, settings, shownLoop, state } from "./state.js";
 import { componentsOf } from "./units.js";
 
@@ -52,8 +53,10 @@ function titleOf({ dataset: { port }, plotted: { unit } }) {
 // The signals in the scopes, in SI units: a row for each instant of each run.
 export function signalsAsCsv() {
   const names = state.scopes.flatMap((port) => {
-    const size = Math.max(...state.runs.map((run) => run.columns(port)?.length ?? 0));
-    return componentsOf(port, size).map((component) => `${port}${component && ` ${component}`}`);
+    const { loop, size } = placeOf(state, port);
+    return componentsOf(loop, port, size).map(
+      (component) => `${port}${component && ` ${component}`}`,
+    );
   });
   const lines = [["controller", "time", ...names].join(",")];
   for (const run of state.runs) {

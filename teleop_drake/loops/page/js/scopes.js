@@ -11,7 +11,7 @@ import { componentsOf } from "./units.js";
 export function valuesOf(run, port, most, textOf = (value) => show(value, 3)) {
   const columns = run.columns(port) ?? [];
   if (run.hasEnded(state.cursor)) return "has ended";
-  const names = componentsOf(port, columns.length);
+  const names = componentsOf(run.loop, port, columns.length);
   const values = run.vector(columns.slice(0, most), state.cursor);
   const text = values.map((value, i) => `${names[i]} ${textOf(value)}`.trim()).join(", ");
   return columns.length > most ? `${text} ...` : text;
@@ -78,9 +78,11 @@ export function zoom(factor, around) {
 }
 
 // The place for the values of a run at the cursor, of a width that does not depend on them.
-function makeReadout(run, size, { width }) {
-  const values = Math.max(9, (width + 4) * Math.min(size, 3));
-  const readout = make("span", { className: "readout", style: `width: ${values}ch` });
+function makeReadout(run, port, size, { width }) {
+  const names = componentsOf(run.loop, port, size).slice(0, 3);
+  const letters = names.reduce((sum, name) => sum + name.length + width + 3, 0);
+  const style = `width: ${Math.max(9, letters)}ch`;
+  const readout = make("span", { className: "readout", style });
   const element = keyOf(run.loop);
   element.append(readout);
   return element;
@@ -93,11 +95,12 @@ function makeHead(head, port, plotted) {
   const { size } = placeOf(state, port);
   head.replaceChildren(
     make("b", {}, port.replace(":", " · ").replace(/^ · /, "").replaceAll("_", " ")),
-    unit ? `[${unit}]` : "",
-    size > MOST_LINES ? `${MOST_LINES} of ${size}` : "",
-    ...samplesOf(port, size),
+    [unit && `[${unit}]`, size > MOST_LINES && `${MOST_LINES} of ${size}`]
+      .filter(Boolean)
+      .join(" "),
+    ...samplesOf(state, port),
     hasCommand ? sampleOf("command", "", "command") : "",
-    ...state.runs.map((run) => makeReadout(run, size, plotted)),
+    ...state.runs.map((run) => makeReadout(run, port, size, plotted)),
     makeButton("×", () => toggleScope(port), { ariaLabel: `remove ${port}` }),
   );
 }

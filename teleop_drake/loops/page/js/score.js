@@ -4,6 +4,7 @@ import { $, make, makeButton, say } from "./elements.js";
 import { setInput } from "./inputs.js";
 import { show } from "./numbers.js";
 import { chosen, settings, state } from "./state.js";
+import { capital } from "./words.js";
 
 // The time of the first command that is not zero, s.
 function firstPush() {
@@ -63,7 +64,7 @@ export function scoreLine(run) {
 
 // A sentence on the driven run.
 function storyOf(run) {
-  const title = run.loop.title[0].toUpperCase() + run.loop.title.slice(1);
+  const title = capital(run.loop.title);
   const last = run.time.at(-1);
   if (!run.reason) return `You drove ${run.loop.title} for ${last.toFixed(1)} s.`;
   const late = Math.max(0, last - firstPush()).toFixed(1);

@@ -24,26 +24,40 @@ function showSubtitle() {
   $("subtitle").textContent = words.length ? `: ${words.join(", ")}` : "";
 }
 
+// A longer delay to try: three times the present one.
+const longer = ({ value, max }) => (value ? Math.min(max, 3 * value) : max / 5);
+
+// The texts of buttons for a delay, and the values that they set. Its name is left out if all that
+// is late has this delay.
+function triesOfDelay({ name, min, ...delay }) {
+  const late = longer(delay);
+  const block = name === "delay" ? "" : `${name.replace(/[._]delay$/, "").replaceAll("_", " ")} `;
+  return [min, late].map((time) => [`${block}${show(time)} s late`, { [name]: time }]);
+}
+
+// The text of a button for the largest value of a slider or the next choice, and what it sets.
+function tryOf({ name, label, max, choices, value }) {
+  const [title, unit = ""] = label.split(/ \[|\]/);
+  const other = choices?.find((choice) => choice !== value);
+  const text = choices ? `${title}: ${other}` : `${title} = ${show(max)} ${unit}`;
+  return [text.trim(), { [name]: other ?? max }];
+}
+
 // Three settings to try: the text of a button, and the values that it sets, keyed by input.
-function triesOf({ delay, forward_delay: forward, return_delay: back, ...others }) {
-  const tries = [];
-  if (delay) {
-    const late = Math.min(delay.max, 3 * delay.value);
-    tries.push([`${show(delay.min)} s late`, { delay: delay.min }]);
-    tries.push([`${show(late)} s late`, { delay: late }]);
-  }
+function triesOf(inputs) {
+  const { forward_delay: forward, return_delay: back, delay } = inputs;
+  const isOffered = ({ isField, isTried = true }) => !isField && isTried;
+  const sliders = Object.values(inputs).filter(isOffered);
+  const ways = delay ? [delay] : sliders.filter(({ isDelay }) => isDelay);
+  const tries = ways.length === 1 ? triesOfDelay(ways[0]) : ways.map((way) => triesOfDelay(way)[1]);
   if (forward && back) {
     const way = { forward_delay: forward.min, return_delay: Math.min(back.max, 2 * back.value) };
     tries.push(["late on the way back only", way]);
   }
-  const sliders = Object.values(others).filter(({ isField }) => !isField);
-  for (const { name, label, max, choices, value } of sliders) {
-    const other = choices?.find((choice) => choice !== value);
-    tries.push(
-      choices ? [`${label}: ${other}`, { [name]: other }] : [`largest ${label}`, { [name]: max }],
-    );
-  }
-  return tries.slice(0, 3);
+  tries.push(...sliders.filter(({ isDelay }) => !isDelay).map(tryOf));
+  const isNew = ([, values]) =>
+    Object.entries(values).some(([name, value]) => value !== inputs[name].value);
+  return tries.filter(isNew).slice(0, 3);
 }
 
 // Makes the buttons of the settings to try, and one that restores the first values.

@@ -15,10 +15,12 @@ export function scaleAndUnit([low, high], unit) {
   return [10 ** (-3 * exponent), PREFIXES[exponent] + unit];
 }
 
-// The names of a signal's components: axes of the task, the row and the column in a matrix, or
-// numbers; a scalar has no name.
-export function componentsOf(port, size) {
+// The names of a signal's components in a loop: those of its plant; axes of the task, the row and
+// the column in a matrix, or numbers; a scalar has no name.
+export function componentsOf({ components }, port, size) {
   if (size === 1) return [""];
+  const named = components[port];
+  if (named) return named;
   const name = port.split(":").at(-1);
   if (name === "psi") {
     const order = Math.sqrt(size);
@@ -29,4 +31,11 @@ export function componentsOf(port, size) {
   const isOther = /joint|packet|weights|generalized/;
   const areAxes = size <= AXES.length && isOfTask.test(name) && !isOther.test(name);
   return range(size).map((i) => (areAxes ? AXES[i] : String(i + 1)));
+}
+
+// The unit of one of the components of a signal, half of which may have another unit than the rest,
+// as in "rad, rad/s".
+export function unitOfComponent(unit, i, size) {
+  const units = unit.split(", ");
+  return units[Math.floor((i * units.length) / size)];
 }

@@ -12,22 +12,24 @@ export function quantity(value, unit) {
   return `${Math.abs(x) >= 9.95 ? x.toFixed(0) : x.toPrecision(2)} ${shown}`.trim();
 }
 
+// A text that begins with a capital.
+export const capital = (text) => text[0].toUpperCase() + text.slice(1);
+
 // The time from the start of a run to its end.
 const durationOf = ({ time, startTime }) => quantity(time.at(-1) - startTime, "s");
 
-// The word at the end of a curve of a run that ended early.
-export function endWord({ reason, loop }) {
-  const place = loop.reasons.indexOf(reason);
-  return place === 0 ? "ran away" : place > 0 ? "ended" : "stopped";
+// The words at the end of a curve of a run that ended early, as in "ran away at 1.8 s".
+export function endWords({ reason, hasRunAway, loop, time }) {
+  const known = loop.reasons.includes(reason) ? "ended" : "stopped";
+  return `${hasRunAway ? "ran away" : known} at ${quantity(time.at(-1), "s")}`;
 }
 
 // How a run ended that did not reach its end, as in "ran away after 1.8 s"; "" for any other.
 export function endInWords(run) {
-  const { reason, loop } = run;
+  const { reason, hasRunAway, loop } = run;
   if (!reason) return "";
-  const place = loop.reasons.indexOf(reason);
-  if (place === 0) return `ran away after ${durationOf(run)}`;
-  if (place > 0) return `ended after ${durationOf(run)}, where ${reason}`;
+  if (hasRunAway) return `ran away after ${durationOf(run)}`;
+  if (loop.reasons.includes(reason)) return `ended after ${durationOf(run)}, where ${reason}`;
   return `cannot be simulated beyond ${durationOf(run)}`;
 }
 
@@ -95,7 +97,7 @@ export function sentenceOf(run) {
   // With three clauses, a comma stands before "and", too.
   const link = clauses.length > 1 ? ", and " : " and ";
   const said = clauses.length ? clauses.join(", ") + link + last : last;
-  return `${title[0].toUpperCase()}${title.slice(1)} ${said}.`;
+  return `${capital(title)} ${said}.`;
 }
 
 // The sentences on runs, each with a line in the colour of its controller.
