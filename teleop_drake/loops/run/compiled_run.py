@@ -29,7 +29,6 @@ from teleop_drake.loops.numerics.instants import same_within
 from teleop_drake.loops.numerics.step_polynomials import Series
 from teleop_drake.loops.run.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.loops.run.inputs import CheckInitialization
-from teleop_drake.loops.run.logs import WriteLogs
 from teleop_drake.loops.run.run import (
     COMPLETED,
     INTERRUPTED,
@@ -244,6 +243,8 @@ class CompiledDiagram:
         for block, part in zip(self.evaluator.blocks, modes, strict=True):
             SetDiscreteState(contexts[block.system], run.memory.m[part])
         WritePast(self.evaluator, context, run.memory)
+        from teleop_drake.loops.run.logs import WriteLogs
+
         WriteLogs(run, self.evaluator, context)
         return context
 

@@ -157,6 +157,13 @@ def FindBends(run: "CompiledRun", outcome: Outcome) -> tuple[list[str], list[str
     return CompiledBends(run, outcome.series)
 
 
+def FindComponents(job: Job) -> dict[str, list[str]]:
+    """Returns the names of the components of a job's signals, as FindEvents()."""
+    from teleop_drake.loops.engine.components import ComponentsIn
+
+    return ComponentsIn(job.diagram, job.signals)
+
+
 class Pace:
     """A limit to the number of steps of a run.
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.loops.engine.components import ComponentsIn
 from teleop_drake.loops.engine.flatten import NearLimit, UnreadableLeaf
 from teleop_drake.loops.engine.parameters import CheckNumbers
 from teleop_drake.loops.framework.signals import (
@@ -20,7 +19,7 @@ from teleop_drake.loops.framework.validation import CheckChoice, CheckKind, Chec
 from teleop_drake.loops.numerics.step_polynomials import finite_part, thinned
 from teleop_drake.loops.run.inputs import CheckInputs
 from teleop_drake.loops.run.recording import Recording, SolverStatistics
-from teleop_drake.loops.run.run import Job, Outcome
+from teleop_drake.loops.run.run import FindComponents, Job, Outcome
 
 if TYPE_CHECKING:
     from teleop_drake.loops.delays.packet_statistics import PacketStatistics
@@ -237,7 +236,7 @@ def RecordingOf(
     later: dict[str, Callable[[Recording], Any]] = {
         "events": lambda _: run.find_events(),
         "notes": lambda _: NotesOn(run, notes),
-        "components": lambda _: ComponentsIn(job.diagram, job.signals),
+        "components": lambda _: FindComponents(job),
     }
     if make_final is not None:
         later["final_context"] = lambda _: make_final()

@@ -7,7 +7,6 @@ from typing import Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
-from teleop_drake.loops.engine.components import ComponentsIn
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.engine.flatten import UnsupportedSystem
 from teleop_drake.loops.framework.arrays import Record
@@ -16,7 +15,7 @@ from teleop_drake.loops.framework.surface import SurfacesIn
 from teleop_drake.loops.framework.validation import CheckChoice, Refuse
 from teleop_drake.loops.run.compiled_run import WhyNotSolved
 from teleop_drake.loops.run.recording import Event
-from teleop_drake.loops.run.run import Job, NormBound, Outcome
+from teleop_drake.loops.run.run import FindComponents, Job, NormBound, Outcome
 from teleop_drake.loops.run.system_run import EndWhereFinite, FieldsOf, NotesOn, RunJob
 from teleop_drake.model.run.ending import EndAtBound
 from teleop_drake.model.scenario import (
@@ -113,7 +112,7 @@ def Finish(
     EndWhereFinite(run)
     EndAtBound(job.bound, run)
     recording = MakeRecording(scenario, job.config, run, notes, task.FindEvents)
-    names = {"components": lambda _: ComponentsIn(job.diagram, job.signals)}
+    names = {"components": lambda _: FindComponents(job)}
     recording.FindLater(names)
     return recording
 
