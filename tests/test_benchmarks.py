@@ -26,7 +26,15 @@ def _WithoutCollecting(monkeypatch):
 @pytest.mark.parametrize(
     "name",
     Slow(
-        ["evaluation", "bars", "comparison", "delays", "delay_problems", "state_delays"]
+        [
+            "evaluation",
+            "bars",
+            "in_drake",
+            "comparison",
+            "delays",
+            "delay_problems",
+            "state_delays",
+        ]
     ),
 )
 def test_quick_tables_have_finite_numbers(name):

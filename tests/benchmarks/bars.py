@@ -10,10 +10,9 @@ third contender: the Simulator with the shortest monitor that evaluates these ou
 each step. Its time is what recording by way of pydrake costs at least.
 """
 
-import time
 from functools import partial
 
-from benchmarks.measuring import Alternate, Options, Table
+from benchmarks.measuring import Alternate, CallsInTurn, Options, Repeat, Table
 from benchmarks.published_systems import SYSTEMS
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
@@ -35,10 +34,6 @@ NAMES = (
 MOST_OF_DRAKES_TIME = 1.5
 LEAST_OF_DEFAULT = 1.0
 LEAST_OF_EQUAL = 10.0
-
-# How long each contender is called again and again in its turn, s: some calls take less
-# than a millisecond, and the first ones find the caches of the processor cold.
-TURN = 0.05
 
 DEFAULTS = SimulatorConfig()
 # The accuracy and the longest step of the defaults, by the scheme of compiled runs.
@@ -81,10 +76,10 @@ def Measure(options: Options) -> list[Table]:
             "recording, equal": partial(in_drake, EQUAL, records=True),
             "Run, equal": equal_program.Run,
         }
-        counts = {name: _CallsInTurn(call) for name, call in contenders.items()}
+        counts = {name: CallsInTurn(call) for name, call in contenders.items()}
         measured = Alternate(
             {
-                name: partial(_Repeat, call, counts[name])
+                name: partial(Repeat, call, counts[name])
                 for name, call in contenders.items()
             },
             options.repeats,
@@ -122,18 +117,6 @@ def _Bars(share: float, default: float, equal: float) -> str:
         equal >= LEAST_OF_EQUAL,
     )
     return ", ".join("met" if is_met else "missed" for is_met in met)
-
-
-def _CallsInTurn(call) -> int:
-    """Returns how often a contender is called in a turn."""
-    begin = time.perf_counter()
-    call()
-    return 1 + int(TURN / (time.perf_counter() - begin))
-
-
-def _Repeat(call, count: int) -> None:
-    for _ in range(count):
-        call()
 
 
 def _InDrake(

@@ -20,6 +20,7 @@ BENCHMARKS = (
     "comparison",
     "evaluation",
     "bars",
+    "in_drake",
     "delays",
     "delay_problems",
     "state_delays",

@@ -59,6 +59,12 @@ _NO_KERNEL = (
 )
 
 
+# Systems with a plant inside, whose symbolic form takes Drake four times as long with
+# each further joint: seconds for eight, hours for twelve. None so large is read.
+_WITH_PLANT = ("InverseDynamics", "JointStiffnessController")
+_MOST_STATES = 14
+
+
 def PrimitiveKernel(system: System, context: Context) -> Kernel:
     """Returns the kernel of one of Drake's own systems.
 
@@ -83,6 +89,11 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     written = None if make is None else make(system)
     if written is not None:
         return written
+    if is_of_drake and type(system).__name__ in _WITH_PLANT:
+        size = system.get_input_port(0).size()
+        if size > _MOST_STATES:
+            reason = f"it has no symbolic form: there are {size} states, too many"
+            raise UnsupportedSystem(system, reason)
     symbolic = None
     if is_of_drake or IsPlainLeaf(system):
         symbolic = system.ToSymbolicMaybe()

@@ -20,6 +20,9 @@ from pydrake.systems.framework import (
     System_,
 )
 
+# Of each scalar type, most frequent first.
+_BASES = [System_[scalar] for scalar in (float, AutoDiffXd, Expression)]
+
 Connections = dict[str, str]
 """The place of the output that is connected to each input, by the input's place."""
 
@@ -97,8 +100,7 @@ def OutputPorts(system: Any) -> list[OutputPort]:
 
 def _BaseOf(system: Any) -> Any:
     """Returns Drake's class System of the scalar type of a system."""
-    bases = (System_[scalar] for scalar in (float, AutoDiffXd, Expression))
-    return next(base for base in bases if isinstance(system, base))
+    return next(base for base in _BASES if isinstance(system, base))
 
 
 def OutputNames(system: System) -> list[str]:

@@ -3,6 +3,9 @@
 SAME = 1e-12
 """Instants closer together than this, in s, count as the same."""
 
+SAME_SHARE = 2e-15
+"""At late times, instants closer together than this share of them count as the same."""
+
 TIE = 1e-6
 """A number of periods counts as whole if it is closer than this to a whole number."""
 
@@ -12,4 +15,4 @@ def same_within(time: float) -> float:
 
     Times that should be equal may differ by rounding: 15 * 0.02 is less than 3 * 0.1.
     """
-    return max(SAME, 2e-15 * abs(time))
+    return max(SAME, SAME_SHARE * abs(time))

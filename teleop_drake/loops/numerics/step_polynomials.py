@@ -158,13 +158,24 @@ def thinned(series: Series, period: float) -> Series:
         period: The time between rows, s.
     """
     times, signals, steps = series
-    num_periods = math.floor((times[-1] - times[0]) / period + TIE)
-    new_times = times[0] + period * np.arange(num_periods + 1)
-    new_times = np.append(new_times[new_times < times[-1] - TIE * period], times[-1])
+    new_times = times_every(period, times[0], times[-1])
     new_signals = {
         name: interpolate(times, x, steps, new_times) for name, x in signals.items()
     }
     return new_times, new_signals, straight_steps(new_times)
+
+
+def times_every(period: float, begin: float, end: float) -> Array:
+    """Returns the multiples of a period after an instant, and the last instant, in s.
+
+    Args:
+        period: The time between two of them, s.
+        begin: The first one, s.
+        end: The last one, s.
+    """
+    num_periods = math.floor((end - begin) / period + TIE)
+    times = begin + period * np.arange(num_periods + 1)
+    return np.append(times[times < end - TIE * period], end)
 
 
 def finite_part(series: Series) -> Series:

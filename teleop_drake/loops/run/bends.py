@@ -55,7 +55,9 @@ class Bends:
         # The range of each component so far.
         self._lowest = np.full(sum(sizes), np.inf)
         self._highest = -self._lowest
-        self._tolerance = np.zeros(sum(sizes))
+        # The misfit that is no bend, of each component: too small until the range is
+        # brought up to date.
+        self._allowed = np.zeros(sum(sizes))
         # Samples that are not in the range yet: with a range that is too small, a piece
         # is followed all the more.
         self._ahead: list[Array] = []
@@ -72,16 +74,18 @@ class Bends:
         # An infinite or undefined signal is not compared.
         with np.errstate(invalid="ignore"):
             misfits = np.abs(_WEIGHTS @ rows)
-            if len(self._ahead) < _MOST_AHEAD and not (misfits > self._tolerance).any():
+            if len(self._ahead) < _MOST_AHEAD and not (misfits > self._allowed).any():
                 return _NO_SIGNAL
             self._WidenRange()
-            misfit = misfits.max(axis=0)
-            is_bent = misfit > self._tolerance
+            is_bent = (misfits > self._allowed).any(axis=0)
         if not is_bent.any():
             return _NO_SIGNAL
-        is_bent &= misfit > self._Rounding()
         bent: Indices = np.unique(self._owners[is_bent])
         return bent[self._is_followed[bent]]
+
+    def See(self, sample: Array) -> None:
+        """Extends the range of each element by a sample (k)."""
+        self._ahead.append(sample[np.newaxis])
 
     def _WidenRange(self) -> None:
         """Extends the range of each element by the rows that have not been seen yet."""
@@ -89,12 +93,10 @@ class Bends:
         self._ahead = []
         self._lowest = np.minimum(self._lowest, rows.min(axis=0))
         self._highest = np.maximum(self._highest, rows.max(axis=0))
-        self._tolerance = _TOLERANCE * (self._highest - self._lowest)
-
-    def _Rounding(self) -> float:
-        """Returns the error by which rounding may change a signal."""
         largest = np.maximum(np.abs(self._lowest), np.abs(self._highest))
-        return float(_ROUNDING * largest[np.isfinite(largest)].max(initial=0.0))
+        rounding = _ROUNDING * largest[np.isfinite(largest)].max(initial=0.0)
+        tolerance = _TOLERANCE * (self._highest - self._lowest)
+        self._allowed = np.maximum(tolerance, rounding)
 
     def Leave(self, signals: Indices) -> None:
         """Ends the search for bends of some signals, given by their indices."""

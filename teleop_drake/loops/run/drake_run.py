@@ -12,13 +12,13 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, EventStatus
 
-from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.framework.solver import EVENT_ACCURACY
 from teleop_drake.loops.framework.validation import Refuse, ScenarioError
 from teleop_drake.loops.kernel.block import LongestStepOf
 from teleop_drake.loops.numerics.instants import TIE, same_within
+from teleop_drake.loops.numerics.step_polynomials import times_every
 from teleop_drake.loops.run.block_events import (
     DrakeEvents,
     GuardsDue,
@@ -38,6 +38,7 @@ from teleop_drake.loops.run.run import (
     Ending,
     Interruption,
     Job,
+    NormBound,
     Outcome,
     Pace,
 )
@@ -196,33 +197,63 @@ class _DrakeRun:
 
     def Advance(self) -> Ending:
         """Runs to the end of the job, or until it ends early; returns how it ended."""
+        simulator = self._simulator
+        is_ended: Callable[[SimulatorStatus], bool] = IsEnded
+        if isinstance(simulator, TeleoperatorSimulator):
+            is_ended = simulator.IsEndedByOthers
         with NamingBlocks():
-            if self._job.suppress_initialization_events:
-                self._simulator.Initialize(
-                    InitializeParams(suppress_initialization_events=True)
+            status = simulator.Initialize(
+                InitializeParams(
+                    suppress_initialization_events=self._job.suppress_initialization_events
                 )
-            status = self._AdvanceInSteps()
+            )
+            if not is_ended(status):
+                status = self._AdvanceToEnd(is_ended)
         if not self.has_begun:  # An initialization event has ended the run.
             self.recorder.Sample()
         # If the monitor has not ended the run, an event of a block has.
         return self._ending or Ending("terminated", status.message())
 
-    def _AdvanceInSteps(self) -> SimulatorStatus:
+    def _AdvanceToEnd(
+        self, is_ended: Callable[[SimulatorStatus], bool]
+    ) -> SimulatorStatus:
+        """Runs to the end of the job, or until an event or the monitor ends the run.
+
+        Args:
+            is_ended: Whether a run has ended early, from the status of AdvanceTo().
+        """
+        is_plain = not self.watched.guarded and not self.watched.positions
+        if not (self.recorder.is_held and is_plain and self._job.bound == NormBound()):
+            return self._AdvanceInSteps(is_ended)
+        period = self._job.publish_period
+        if period is None:
+            self._simulator.set_monitor(self._HeldMonitor())
+            return self._AdvanceInSteps(is_ended)
+        # Between the rows, nothing in Python looks at the run.
+        self._simulator.clear_monitor()
+        context = self._simulator.get_context()
+        for time in times_every(period, self._job.start, self._job.end)[1:].tolist():
+            status = self._simulator.AdvanceTo(time)
+            if is_ended(status) or self.Monitor(context):
+                break
+        return status
+
+    def _AdvanceInSteps(
+        self, is_ended: Callable[[SimulatorStatus], bool]
+    ) -> SimulatorStatus:
         """Runs to the end of the job, or until an event or the monitor ends the run.
 
         Drake takes no steps for a system without continuous states. Its signals may
         depend on time nevertheless, so it stops at each multiple of the longest step,
         where periodic events of this period are, too.
+
+        Args:
+            is_ended: Whether a run has ended early, from the status of AdvanceTo().
         """
         step = self._job.config.max_step_size
-        if self._job.context.num_continuous_states():
+        if self.recorder.is_held or self._job.context.num_continuous_states():
             step = math.inf
-        is_ended: Callable[[SimulatorStatus], bool] = IsEnded
-        if isinstance(self._simulator, TeleoperatorSimulator):
-            is_ended = self._simulator.IsEndedByOthers
         while True:
-            if self.recorder.is_held:
-                step = math.inf
             time = self._simulator.get_context().get_time()
             boundary = self._job.end
             if math.isfinite(step):
@@ -244,14 +275,35 @@ class _DrakeRun:
         guarded = self.watched.guarded
         if guarded:
             self.due += GuardsDue(guarded, self._job.diagram, root_context)
-        return self._Check(root_context.get_time(), now)
+        norm = math.hypot(*now[self._bounded].tolist())
+        return self._Check(root_context.get_time(), norm)
 
-    def _Check(self, time: float, now: Array) -> EventStatus | None:
+    def _HeldMonitor(self) -> Callable[[Context], EventStatus | None]:
+        """Returns a monitor that does what Monitor() does if all signals are held.
+
+        Nothing but signals that are not finite may end the run early.
+        """
+        sample = self.recorder.HeldSampler()
+        complete_at = self._complete_at
+        interruption = self.interruption
+        infinite = math.inf
+
+        def Monitor(_: Context) -> EventStatus | None:
+            time, norm = sample()
+            self._num_samples += 1
+            is_due = interruption.has_come or not self._num_samples % _SAMPLES_PER_CHECK
+            if norm < infinite and time < complete_at and not is_due:
+                return None
+            return self._Check(time, norm)
+
+        return Monitor
+
+    def _Check(self, time: float, norm: float) -> EventStatus | None:
         """Ends the run if it exceeds its bound, is interrupted or complete.
 
         Args:
             time: The time of the last sample, s.
-            now: The values of the last sample.
+            norm: The norm of the bounded signals in it.
 
         Raises:
             ScenarioError: If the run would take too many steps; see Pace.
@@ -259,8 +311,8 @@ class _DrakeRun:
         bound = self._job.bound
         if self._num_samples % _SAMPLES_PER_CHECK == 0:
             rejected = CountsOf(self._simulator).rejected
-            self._pace.Check(self._num_samples + rejected, time)
-        norm = math.hypot(*now[self._bounded].tolist())
+            steps = max(self._num_samples, self._simulator.get_num_steps_taken())
+            self._pace.Check(steps + rejected, time)
         if not norm <= bound.largest:
             self.is_beyond_bound = True
             return self._End(Ending("diverged", bound.Reason(norm)))

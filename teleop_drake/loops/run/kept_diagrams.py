@@ -6,7 +6,7 @@ as long as its Diagram exists. It is used again if the numbers in the Context, t
 recorded signals and everything else that it was made from are the same.
 """
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -54,7 +54,10 @@ _KEPT: WeakKeyDictionary[System, _Kept] = WeakKeyDictionary()
 def KeptDiagram(job: Job) -> CompiledDiagram | None:
     """Returns the compiled diagram of a run if its program is known; else None."""
     kept = _KEPT.get(job.diagram)
-    if kept is None or kept.key != _KeyOf(job):
+    if kept is None:
+        return None
+    systems = SystemsByPath(job.diagram)
+    if kept.key != _KeyOf(job, systems):
         return None
     start = StartOf(
         job.diagram,
@@ -66,6 +69,7 @@ def KeptDiagram(job: Job) -> CompiledDiagram | None:
     except UnsupportedSystem:
         return None  # Somebody has added an event to a block of Drake's.
     compiled = StartingAt(start, job.diagram, evaluator, job.signals, kept.places)
+    compiled.systems = systems
     if compiled.past is None:
         if compiled.start.t not in kept.problems:
             kept.problems.clear()
@@ -75,7 +79,7 @@ def KeptDiagram(job: Job) -> CompiledDiagram | None:
 
 def Keep(job: Job, compiled: CompiledDiagram) -> None:
     """Keeps the program of a run, if it has no code of a user's and nothing changes."""
-    key = _KeyOf(job)
+    key = _KeyOf(job, compiled.systems)
     evaluator = compiled.evaluator
     if key is None or not all(map(IsOfPackage, evaluator.program.laws)):
         return
@@ -84,9 +88,12 @@ def Keep(job: Job, compiled: CompiledDiagram) -> None:
     _KEPT[job.diagram] = _Kept(key, evaluator.Detached(), compiled.places, {})
 
 
-def _KeyOf(job: Job) -> Hashable | None:
-    """Returns what the program of a run is made from; None if it cannot be told."""
-    systems = SystemsByPath(job.diagram)
+def _KeyOf(job: Job, systems: Mapping[str, System]) -> Hashable | None:
+    """Returns what the program of a run is made from; None if it cannot be told.
+
+    Args:
+        systems: The systems of the model by their paths.
+    """
     if not all(map(_IsKnown, systems.values())):
         return None
     paths = {system: path for path, system in systems.items()}

@@ -1,36 +1,30 @@
 """The sampler of a run in Drake's Simulator."""
 
 import math
-from collections.abc import Mapping
-from itertools import compress, pairwise
+from array import array
+from collections.abc import Callable, Mapping
+from itertools import pairwise
 
 import numpy as np
-from pydrake.systems.framework import (
-    CacheIndex,
-    Context,
-    Diagram,
-    LeafSystem,
-    OutputPort,
-    OutputPortIndex,
-    System,
-)
+from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.loops.framework.arrays import Array, Indices
-from teleop_drake.loops.framework.contexts import DiscreteState
-from teleop_drake.loops.numerics.instants import same_within
+from teleop_drake.loops.numerics.instants import SAME, SAME_SHARE, same_within
 from teleop_drake.loops.numerics.step_polynomials import DEGREE, Series
+from teleop_drake.loops.run.affine import HERMITE, Affine, Ends, Moving
 from teleop_drake.loops.run.bends import CHECKED, INSIDE, Bends
-
-# The coefficients of a cubic Hermite polynomial, by ascending powers: of the values at
-# both ends, and of the rates at both ends times the length.
-_HERMITE = np.array(
-    [[1.0, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]],
-)
+from teleop_drake.loops.run.moving import Motion
 
 # The instants at which a piece is evaluated, as shares of its length, and the powers of
 # those of a whole step.
 _EVALUATED = [*INSIDE, CHECKED]
 _OF_STEP = np.vander(_EVALUATED, 4, increasing=True)
+
+# The number of steps at the start that are sampled in full in any case.
+_FULL_STEPS = 8
+
+# The golden section, whose multiples are spread evenly between whole numbers.
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 _NOTHING: Array = np.empty(0)
 
@@ -46,10 +40,15 @@ class Recorder:
     Drake provides the states at the ends of a step only. Within a step they are
     interpolated by cubic polynomials that match states and rates at both ends. The
     outputs that depend on them, or on time, are evaluated at these states, in a
-    separate Context. Where a polynomial through the samples does not follow a signal,
-    the step is recorded in shorter pieces, down to 2^-14 of its length. All other
-    outputs are held: they change at the beginning of a step only. If one has, or if the
-    discrete state differs from that of the last sample, the beginning is sampled again.
+    separate Context. If all are known to be affine in them, they follow the cubics.
+    Where a polynomial through the samples does not follow a signal, the step is
+    recorded in shorter pieces, down to 2^-14 of its length. All other outputs are held:
+    they change at the beginning of a step only. If one has, or if the discrete state
+    differs from that of the last sample, the beginning is sampled again.
+
+    Many blocks only seem to depend on time. In a system without continuous states, a
+    step with the same values at its beginning, at its end and at one instant within is
+    taken to have no others, until a signal is seen to move and to come back in a step.
 
     Attributes:
         names: The names of the signals.
@@ -57,6 +56,7 @@ class Recorder:
         bent: The names of the signals that jump or bend within a step.
         unresolved: The names of those that do so more sharply than the shortest piece
             follows.
+        is_held: Whether no signal may move within a step; known from the first sample.
 
     Args:
         diagram: The simulated System.
@@ -73,89 +73,131 @@ class Recorder:
         self.names = list(signals)
         self.bent: set[str] = set()
         self.unresolved: set[str] = set()
+        self.is_held = False
         sizes = [port.size() for port in signals.values()]
         ends = np.cumsum([0, *sizes]).tolist()
         self.columns = [slice(*ends_of) for ends_of in pairwise(ends)]
         self._bends = Bends(sizes)
-        self._inner_context = root_context.Clone()
         # Ports without elements need no evaluation.
         self._ports = [
             (port, place)
             for port, place in zip(signals.values(), self.columns, strict=True)
             if port.size() > 0
         ]
-        self._at_end, self._inside = (
-            [
-                (port.Eval, port.get_system().GetMyContextFromRoot(root))
-                for port, _ in self._ports
-            ]
-            for root in (root_context, self._inner_context)
-        )
+        self._at_end = [
+            (port.Eval, port.get_system().GetMyContextFromRoot(root_context))
+            for port, _ in self._ports
+        ]
         self._diagram = diagram
         self._root_context = root_context
-        self._has_modes = root_context.num_discrete_state_groups() > 0
-        # Whether a signal may move within a step; None: not known yet.
-        self._moves: bool | None = None
-        # Whether each element of a sample may move within a step.
-        self._is_moving = np.ones(ends[-1], dtype=bool)
+        self._has_states = root_context.num_continuous_states() > 0
+        self._modes = range(root_context.num_discrete_state_groups())
+        self._num_columns = ends[-1]
+        self._moving: list[Moving] = []
+        self._affine: Affine | None = None
+        # Whether no signal was seen yet to move and to come back within a step.
+        self._stays = not self._has_states
         self._times: list[float] = []
         self._samples: list[Array] = []
+        # The later samples of signals that are held.
+        self._held = array("d")
         self._step_ends: list[int] = []
-        self._state = self._rate = self._mode = _NOTHING
+        self._state = self._rate = _NOTHING
+        # The discrete states and the held signals at the last sample.
+        self._last_held: list[bytes] = []
 
     def Sample(self) -> Array:
         """Samples the interior and the end of a step; returns the sample at its end."""
         root = self._root_context
         time = root.get_time()
         values = _Joined([evaluate(context) for evaluate, context in self._at_end])
+        if not self._times:
+            self._FindMoving(time)
         if self.is_held:
             self._Append(time, values)
             return values
+        state = rate = _NOTHING
+        if self._has_states:
+            state = root.get_continuous_state_vector().CopyToVector()
+            rate = self._RateIn(root)
+        held = [
+            *(root.get_discrete_state(i).CopyToVector().tobytes() for i in self._modes),
+            values[self._held_columns].tobytes(),
+        ]
         last = self._times[-1] if self._times else math.inf
-        is_step = time > last + same_within(time) and _AreFinite(values)
-        state = root.get_continuous_state_vector().CopyToVector()
-        rate = self._RateIn(root)
-        mode = DiscreteState(root) if self._has_modes else _NOTHING
-        if is_step:
-            self._inner_context.SetTimeStateAndParametersFrom(root)
-            if self._HasChanged(mode, values):
+        if time > last + same_within(time) and _AreFinite(values):
+            has_changed = held != self._last_held
+            if has_changed or self._affine is None:
+                self._inner_context.SetTimeStateAndParametersFrom(root)
+            if has_changed:
                 # A block has changed it at the beginning of the step.
-                self._Append(last, self._Evaluate(last, self._state, values))
-                self._rate = self._RateIn(self._inner_context)
-            self._SampleStep(time, state, rate, values)
+                first = self._Evaluate(last, self._state, values)
+                self._Append(last, first)
+                if self._has_states:
+                    self._rate = self._RateIn(self._inner_context)
+            if not self._IsStill(time, values):
+                self._SampleStep(time, state, rate, values)
         else:
             self._Append(time, values)
         self._state = state
         self._rate = rate
-        self._mode = mode
+        self._last_held = held
         return values
+
+    def HeldSampler(self) -> Callable[[], tuple[float, float]]:
+        """Returns a function that takes the samples from now on, of held signals.
+
+        It returns the time in s and the norm of all signals. It does what Sample()
+        does, in a third of the time: a discrete system takes steps of microseconds.
+        """
+        get_time = self._root_context.get_time
+        at_end = self._at_end
+        append_time = self._times.append
+        store = self._held.extend
+        hypot = math.hypot
+
+        def Sample() -> tuple[float, float]:
+            norm = 0.0
+            for evaluate, context in at_end:
+                values = evaluate(context).tolist()
+                store(values)
+                norm = hypot(norm, *values)
+            time = get_time()
+            append_time(time)
+            return time, norm
+
+        return Sample
 
     def Last(self) -> tuple[float, list[Array]]:
         """Returns the time of the last sample and its values."""
         return self._times[-1], [self._samples[-1][place] for place in self.columns]
 
+    def _FindMoving(self, time: float) -> None:
+        """Finds the signals that may move within a step, at the first sample."""
+        self._inner_context = context = self._root_context.Clone()
+        state = context.get_continuous_state_vector().CopyToVector()
+        # The clone has the outputs that were evaluated, until its time changes.
+        context.SetTimeAndContinuousState(time + 1.0, state)
+        motion = Motion(self._diagram, context)
+        held = np.ones(self._num_columns, dtype=bool)
+        is_affine = True
+        for port, place in self._ports:
+            if motion.Moves(port):
+                own = port.get_system().GetMyContextFromRoot(context)
+                self._moving.append((port.Eval, own, place))
+                held[place] = False
+                is_affine = is_affine and motion.IsAffine(port)
+        self._held_columns = np.flatnonzero(held)
+        self.is_held = not self._moving
+        if self._moving and is_affine:
+            self._affine = Affine(context, self._moving)
+
     def _Append(self, time: float, values: Array) -> None:
         self._times.append(time)
         self._samples.append(values)
 
-    def _HasChanged(self, mode: Array, values: Array) -> bool:
-        """Returns whether the discrete state or a held output is another one.
-
-        Args:
-            mode: The discrete state at the end of the step.
-            values: The sample there.
-        """
-        if self._has_modes and not np.array_equal(mode, self._mode):
-            return True
-        if self._is_moving.all():
-            return False
-        differs = values != self._samples[-1]
-        return bool((differs & ~self._is_moving).any())
-
     def _RateIn(self, root_context: Context) -> Array:
         """Returns the rate of the state in a Context."""
-        if root_context.num_continuous_states() == 0:
-            return np.empty(0)  # Some systems without such a state raise an error.
         rate: Array = self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
         return rate
 
@@ -168,10 +210,27 @@ class Recorder:
             rate: The rate of the state at the end.
             values: The sample at the end.
         """
+        ends = self._state, state, self._rate, rate
+        first = len(self._times) - 1
+        if self._affine is None:
+            self._FollowStep(end, values, ends)
+        else:
+            self._AppendStill(end, values)
+            self._affine.Store(first, len(self._times) - 1, ends)
+
+    def _FollowStep(self, end: float, values: Array, ends: Ends) -> None:
+        """Records the samples of a step in pieces that polynomials follow.
+
+        Args:
+            end: The time of the end, s.
+            values: The sample at the end.
+            ends: The states at the ends of the step and their rates there.
+        """
         begin = self._times[-1]
         h = end - begin
-        states = np.array([self._state, state, h * self._rate, h * rate])
-        coefficients = _HERMITE @ states
+        before, after, rate_before, rate_after = ends
+        states = np.array([before, after, h * rate_before, h * rate_after])
+        coefficients = HERMITE @ states
 
         def At(first: float, width: float) -> list[tuple[float, Array]]:
             shares = [first + share * width for share in _EVALUATED]
@@ -209,46 +268,73 @@ class Recorder:
             self._step_ends.append(len(self._times))
             self._Append(*sample)
 
+    def _IsStill(self, end: float, values: Array) -> bool:
+        """Records a step in which no signal moves; returns whether it is one.
+
+        After the first steps they are looked at once, at an instant that differs from
+        step to step, so that it does not keep time with a signal whose period is that
+        of the steps.
+
+        Args:
+            end: The time of the end, s.
+            values: The sample at the end.
+        """
+        bits = values.tobytes()
+        if not self._stays or self._samples[-1].tobytes() != bits:
+            return False
+        begin = self._times[-1]
+        is_first = len(self._step_ends) < _FULL_STEPS
+        once = (len(self._times) * _GOLDEN) % 1.0
+        for share in _EVALUATED if is_first else [once]:
+            instant = begin + share * (end - begin)
+            inside = self._Evaluate(instant, self._state, values)
+            if inside.tobytes() == bits:
+                continue
+            self._stays = False
+            if not is_first:
+                # Steps before may have been taken for still.
+                places = zip(self.names, self.columns, strict=True)
+                moves = inside != values
+                found = {name for name, x in places if moves[x].any()}
+                self.bent |= found
+                self.unresolved |= found
+            return False
+        self._bends.See(values)
+        self._AppendStill(end, values)
+        return True
+
+    def _AppendStill(self, end: float, values: Array) -> None:
+        """Appends the rows of a step with the same values within and at its end."""
+        begin = self._times[-1]
+        self._times += [begin + share * (end - begin) for share in INSIDE]
+        self._step_ends.append(len(self._times))
+        self._times.append(end)
+        self._samples += [values] * DEGREE
+
     def _Evaluate(self, time: float, state: Array, at_end: Array) -> Array:
         """Returns the sample at a time in s and at a state.
 
         Args:
             at_end: The sample at the end of the step, which has the held signals.
         """
-        context = self._inner_context
-        context.SetTimeAndContinuousState(time, state)
-        if self._moves is None:
-            values = _Joined([evaluate(own) for evaluate, own in self._inside])
-            context.SetTimeAndContinuousState(time + 1.0, state)
-            moves = [_IsOutOfDate(port, context) for port, _ in self._ports]
-            for (_, place), is_moving in zip(self._ports, moves, strict=True):
-                self._is_moving[place] = is_moving
-            self._inside = list(compress(self._inside, moves))
-            self._moves = any(moves)
-            context.SetTimeAndContinuousState(time, state)
-            return values
-        moving = _Joined([evaluate(own) for evaluate, own in self._inside])
-        if len(moving) == len(at_end):
-            return moving
+        self._inner_context.SetTimeAndContinuousState(time, state)
         values = at_end.copy()
-        values[self._is_moving] = moving
+        for evaluate, own, place in self._moving:
+            values[place] = evaluate(own)
         return values
-
-    @property
-    def is_held(self) -> bool:
-        """Whether no signal moves within a step, as the first step has shown."""
-        return self._moves is False
 
     def Finish(self) -> Series:
         """Returns the times (N,), the signals (N, k) and the steps."""
         times = np.array(self._times)
-        rows = np.array(self._samples).reshape(len(times), len(self._is_moving))
+        size = self._num_columns
+        # An error may have ended the run within the last sample.
+        held = self._held[: size * (len(times) - len(self._samples))]
+        rows = np.concatenate([*self._samples, held]).reshape(len(times), size)
         ends = np.array(self._step_ends, int)
+        if self._affine is not None:
+            self._affine.Fill(times, rows)
         if self.is_held:
-            # The first step was sampled before it was known.
-            inside = (ends[:, np.newaxis] - np.arange(1, DEGREE)).ravel()
-            times = np.delete(times, inside)
-            times, rows, ends = _WithSteps(times, np.delete(rows, inside, axis=0))
+            times, rows, ends = _WithSteps(times, rows)
         signals = {
             name: rows[:, place]
             for name, place in zip(self.names, self.columns, strict=True)
@@ -264,10 +350,10 @@ def _WithSteps(times: Array, rows: Array) -> tuple[Array, Array, Indices]:
         rows: The samples (N, k). No signal moves within a step, but may jump at its
             beginning.
     """
-    last = np.r_[np.inf, times[:-1]]
-    is_later = times > last + [same_within(t) for t in times.tolist()]
+    last = np.append(np.inf, times[:-1])
+    is_later = times > last + np.maximum(SAME, SAME_SHARE * np.abs(times))
     is_step = is_later & np.isfinite(rows).all(axis=1)
-    jumps = is_step & np.r_[False, (rows[1:] != rows[:-1]).any(axis=1)]
+    jumps = is_step & np.append(False, (rows[1:] != rows[:-1]).any(axis=1))
     # A step has a row at its beginning, if there is a jump, three inside, and the end.
     counts = 1 + len(INSIDE) * is_step + jumps
     ends = np.cumsum(counts) - 1
@@ -287,28 +373,3 @@ def _Joined(values: list[Array]) -> Array:
     if len(values) == 1:
         return values[0]
     return np.concatenate(values) if values else _NOTHING
-
-
-def _IsOutOfDate(port: OutputPort, root_context: Context) -> bool:
-    """Returns whether an output must be computed again in a Context.
-
-    Args:
-        port: The output port, which has been evaluated in the Context before.
-        root_context: The Context.
-    """
-    system = port.get_system()
-    while isinstance(system, Diagram):
-        system, index = system.get_output_port_locator(
-            OutputPortIndex(port.get_index())
-        )
-        port = system.get_output_port(int(index))
-    if not isinstance(system, LeafSystem):
-        return True  # Some Diagrams of Drake's are known as Systems only.
-    # Drake names the cache entry of each output of a leaf in this way.
-    name = f"output port {int(port.get_index())}({port.get_name()}) cache"
-    i = 0
-    while system.get_cache_entry(CacheIndex(i)).description() != name:
-        i += 1
-    entry = system.get_cache_entry(CacheIndex(i))
-    context = system.GetMyContextFromRoot(root_context)
-    return entry.is_cache_entry_disabled(context) or entry.is_out_of_date(context)

@@ -22,7 +22,6 @@ from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
 from teleop_drake.loops.framework.contexts import ContextsIn
-from teleop_drake.loops.framework.signals import PathsIn
 from teleop_drake.loops.kernel import KernelBlock
 from teleop_drake.loops.kernel.delay_line import DelayLine
 from teleop_drake.loops.kernel.events import Ticks
@@ -280,7 +279,8 @@ class Stepping:
 
 def SystemsIn(system: System) -> list[System]:
     """Returns a system and all systems in it, in the order of evaluation of rates."""
-    return [part for part, _ in PathsIn(system)]
+    parts = system.GetSystems() if isinstance(system, Diagram) else []
+    return [system, *(inner for part in parts for inner in SystemsIn(part))]
 
 
 def NotesOnSamples(diagram: System, context: Context) -> list[str]:

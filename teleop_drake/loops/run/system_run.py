@@ -164,10 +164,12 @@ def NotesOnBlocks(evaluator: Any) -> list[str]:
     Args:
         evaluator: The engine.evaluator.Evaluator of the run.
     """
-    from teleop_drake.loops.run.logs import LogsIn
-
     notes = []
-    logs = [block.path for block in LogsIn(evaluator)]
+    logs = []
+    if evaluator.left_out:
+        from teleop_drake.loops.run.logs import LogsIn
+
+        logs = [block.path for block in LogsIn(evaluator)]
     others = [path for path in evaluator.left_out if path not in logs]
     if others:
         notes.append(

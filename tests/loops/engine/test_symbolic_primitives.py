@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from drake_systems import MakeArm
 from kernel_checks import CheckKernel
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
+from pydrake.systems import controllers
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
 
@@ -75,3 +77,14 @@ def test_a_system_without_a_symbolic_form_is_refused(make):
     system.set_name("plant")
     with pytest.raises(UnsupportedSystem, match=f"{make.__name__} 'plant' cannot"):
         CheckKernel(system)
+
+
+@pytest.mark.parametrize("kind", ["InverseDynamics", "JointStiffnessController"])
+def test_a_regulator_with_a_large_plant_inside_is_refused_at_once(kind):
+    """Its symbolic form takes Drake seconds for eight joints, and hours for twelve."""
+    plant = MakeArm(8)
+    gains = [] if kind == "InverseDynamics" else [np.ones(8), np.ones(8)]
+    regulator = getattr(controllers, kind)(plant, *gains)
+    context = regulator.CreateDefaultContext()
+    with pytest.raises(UnsupportedSystem, match="there are 16 states, too many"):
+        Evaluator(regulator, context)

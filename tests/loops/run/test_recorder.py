@@ -1,0 +1,242 @@
+"""Rows of discrete systems in Drake's Simulator, against closed forms."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import Value
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    Integrator,
+    LinearSystem,
+    Multiplexer,
+    Saturation,
+    Sine,
+    ZeroOrderHold,
+)
+
+from teleop_drake.loops import simulate
+
+PERIOD = 0.1
+
+
+class Counter(LeafSystem):
+    """Counts samples; the output declares no prerequisites, as most code in Python."""
+
+    def __init__(self, output=lambda count, time: count):
+        LeafSystem.__init__(self)
+        self.num_calls = 0
+        self.output = output
+        self.DeclareDiscreteState(1)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self.Update)
+        self.DeclareVectorOutputPort("y", 1, self.CalcOutput)
+
+    def Update(self, context, state):
+        state.set_value(0, context.get_discrete_state_vector().value() + 1)
+
+    def CalcOutput(self, context, output):
+        self.num_calls += 1
+        count = context.get_discrete_state_vector()[0]
+        output.SetFromVector([self.output(count, context.get_time())])
+
+
+def counted(counter):
+    """Returns a Diagram with the count, and three times the count by a Gain."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("counter", counter)
+    gain = builder.AddNamedSystem("gain", Gain(3.0, 1))
+    builder.Connect(counter.get_output_port(), gain.get_input_port())
+    return builder.Build()
+
+
+def test_a_block_that_only_seems_to_depend_on_time_is_evaluated_thrice_a_step():
+    counter = Counter()
+    options = {"simulator": SimulatorConfig(), "engine": "drake"}
+    recording = simulate(counted(counter), duration=9.95, **options)
+    # Just beside the jumps, early and late.
+    times = np.r_[0.0, 0.0999, 0.1001, 0.45, 0.7999, 0.8001, 9.6999, 9.7001, 9.95]
+    for name, factor in {"counter.y": 1, "gain.y0": 3}.items():
+        found = recording.Interpolate(name, times)[:, 0]
+        assert found == pytest.approx(factor * np.floor(times * 10 + 1e-9), abs=1e-12)
+    assert counter.num_calls < 3 * 100 + 5 * 8
+    assert recording.notes[1:] == []
+
+
+def test_a_gain_behind_a_hold_moves_no_more_than_the_hold():
+    """By its prerequisites a Gain depends on time; it is known to be none of those."""
+    builder = DiagramBuilder()
+    source = builder.AddSystem(Sine(1.0, 6.0, 0.0, 1))
+    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 1))
+    gain = builder.AddSystem(Gain(2.0, 1))
+    builder.Connect(source.get_output_port(0), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), gain.get_input_port())
+    builder.ExportOutput(gain.get_output_port(), "y")
+    diagram = builder.Build()
+    times = np.arange(0.05, 2.0, PERIOD)
+    expected = 2 * np.sin(6 * PERIOD * np.floor(times / PERIOD))
+    for period in (None, 0.05):
+        recording = simulate(
+            diagram, duration=2.0, engine="drake", publish_period=period
+        )
+        found = recording.Interpolate("y", times)[:, 0]
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+        assert len(recording.time) < 6 * 20  # No step ends between two samples.
+
+
+@pytest.mark.parametrize(("duty", "start"), [(0.3, 0.0), (0.7, 0.0), (0.7, 2.0)])
+def test_pulses_that_keep_time_with_the_steps_are_seen_or_named(duty, start):
+    """y is 1 in the first part of each period from `start` on, 0 in the rest."""
+
+    def pulse(_, time):
+        return float(time < start or round(time / PERIOD, 9) % 1 < duty)
+
+    options = {"simulator": SimulatorConfig(), "engine": "drake"}
+    recording = simulate(Counter(pulse), duration=5.0, **options)
+    times = np.arange(4.0, 5.0, PERIOD)
+    for share in (0.01, duty - 0.01, duty + 0.01, 0.99):
+        found = recording.Interpolate("y", times + share * PERIOD)[:, 0]
+        np.testing.assert_allclose(found, float(share < duty), atol=1e-12)
+    assert any(note.startswith("y: jumps or bends") for note in recording.notes)
+
+
+class Trace(LeafSystem):
+    """Stores each sample in an abstract state, whose length is the output."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareAbstractState(Value[object]([]))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, self.Store)
+        self.DeclareVectorOutputPort("y", 1, self.CalcOutput)
+
+    def Store(self, context, state):
+        times = [*context.get_abstract_state(0).get_value(), context.get_time()]
+        state.get_mutable_abstract_state(0).set_value(times)
+
+    def CalcOutput(self, context, output):
+        output.SetFromVector([len(context.get_abstract_state(0).get_value())])
+
+
+def test_a_publish_period_gives_the_rows_that_all_rows_would():
+    """Also where nothing in Python looks at the steps between them."""
+    for system in (Trace(), ZeroOrderHold(0.01, 1)):
+        context = system.CreateDefaultContext()
+        if system.num_input_ports():
+            system.get_input_port().FixValue(context, [4.0])
+        options = {"context": context, "duration": 1.03, "engine": "drake"}
+        name = system.get_output_port(0).get_name()
+        all_rows = simulate(system, **options)
+        few = simulate(system, publish_period=0.05, **options)
+        expected = np.r_[0.05 * np.arange(21), 1.03]
+        np.testing.assert_allclose(few.time, expected, atol=1e-12)
+        same = all_rows.Interpolate(name, few.time)
+        np.testing.assert_array_equal(few[name], same)
+        assert few.final_context.get_time() == all_rows.final_context.get_time()
+
+
+def sampled_loop(*, has_kinks):
+    """Returns x'' = -9 x - u of a LinearSystem, with u a sample of x each 0.1 s.
+
+    The signals are x, [x', x - u] by several blocks and, if wanted, x cut off at 0.3.
+    """
+    builder = DiagramBuilder()
+    a = [[0.0, 1.0], [-9.0, 0.0]]
+    plant = LinearSystem(a, [[0.0], [-1.0]], np.eye(2), np.zeros((2, 1)), 0.0)
+    plant = builder.AddNamedSystem("plant", plant)
+    parts = builder.AddNamedSystem("parts", Demultiplexer(2))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(PERIOD, 1))
+    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
+    total = builder.AddNamedSystem("total", Adder(2, 1))
+    both = builder.AddNamedSystem("both", Multiplexer(2))
+    builder.Connect(plant.get_output_port(), parts.get_input_port())
+    builder.Connect(parts.get_output_port(0), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), plant.get_input_port())
+    builder.Connect(hold.get_output_port(), minus.get_input_port())
+    builder.Connect(parts.get_output_port(0), total.get_input_port(0))
+    builder.Connect(minus.get_output_port(), total.get_input_port(1))
+    builder.Connect(parts.get_output_port(1), both.get_input_port(0))
+    builder.Connect(total.get_output_port(), both.get_input_port(1))
+    if has_kinks:
+        limit = builder.AddNamedSystem("limit", Saturation([-9.0], [0.3]))
+        builder.Connect(parts.get_output_port(0), limit.get_input_port())
+    return builder.Build()
+
+
+def solved(times):
+    """Returns x, x', u of sampled_loop() at times beside the samples, from x = 1."""
+    x = 1.0
+    v = 0.0
+    found = []
+    for k in range(int(times[-1] / PERIOD) + 1):
+        u = x
+        own = times[(times > k * PERIOD) & (times < (k + 1) * PERIOD)] - k * PERIOD
+        for h in (*own, PERIOD):
+            c = np.cos(3 * h)
+            s = np.sin(3 * h)
+            found.append(
+                [(x + u / 9) * c + v / 3 * s - u / 9, v * c - 3 * (x + u / 9) * s, u]
+            )
+        x, v, _ = found.pop()
+    return np.array(found)
+
+
+@pytest.mark.parametrize("has_kinks", [False, True])
+def test_affine_signals_follow_the_state_and_jump_with_samples(has_kinks):
+    diagram = sampled_loop(has_kinks=has_kinks)
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([1.0, 0.0])
+    recording = simulate(diagram, context=context, duration=2.0, engine="drake")
+    times = np.arange(0.0037, 2.0, 0.0114)
+    x, v, u = solved(times).T
+    expected = {
+        "plant.y0": np.transpose([x, v]),
+        "parts.y1": np.transpose([v]),
+        "total.sum": np.transpose([x - u]),
+        "both.y0": np.transpose([v, x - u]),
+    }
+    if has_kinks:
+        expected["limit.y0"] = np.transpose([np.minimum(x, 0.3)])
+    for name, values in expected.items():
+        found = recording.Interpolate(name, times)
+        tolerance = 3e-4 if name == "limit.y0" else 1e-6
+        np.testing.assert_allclose(found, values, atol=tolerance, err_msg=name)
+
+
+class Opaque(LeafSystem):
+    """A hold that stores its sample in an abstract state."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+        state = self.DeclareAbstractState(Value[object](0.0))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, self.Store)
+        tickets = {self.abstract_state_ticket(state)}
+        self.DeclareVectorOutputPort("y", 1, self.CalcOutput, tickets)
+
+    def Store(self, context, state):
+        value = self.get_input_port().Eval(context)[0]
+        state.get_mutable_abstract_state(0).set_value(value)
+
+    def CalcOutput(self, context, output):
+        output.SetFromVector([context.get_abstract_state(0).get_value()])
+
+
+def test_a_sum_with_a_hold_that_is_not_recorded_is_right():
+    """x' = 1 from 0, and a sample of x each 0.1 s in an abstract state: their sum."""
+    builder = DiagramBuilder()
+    rate = builder.AddSystem(ConstantVectorSource([1.0]))
+    x = builder.AddSystem(Integrator(1))
+    hold = builder.AddSystem(Opaque())
+    total = builder.AddSystem(Adder(2, 1))
+    builder.Connect(rate.get_output_port(), x.get_input_port())
+    builder.Connect(x.get_output_port(), hold.get_input_port())
+    builder.Connect(x.get_output_port(), total.get_input_port(0))
+    builder.Connect(hold.get_output_port(), total.get_input_port(1))
+    builder.ExportOutput(total.get_output_port(), "y")
+    recording = simulate(builder.Build(), duration=1.0, engine="drake")
+    times = np.arange(0.0137, 1.0, 0.0314)
+    expected = times + PERIOD * np.floor(times / PERIOD)
+    found = recording.Interpolate("y", times)[:, 0]
+    np.testing.assert_allclose(found, expected, atol=2e-4)
