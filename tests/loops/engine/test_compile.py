@@ -10,6 +10,7 @@ import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
+from wired import Wired
 
 from teleop_drake.loops.engine.check import Compare
 from teleop_drake.loops.engine.evaluator import Evaluator
@@ -27,12 +28,10 @@ def cache(tmp_path, monkeypatch):
 
 
 def decay(rate):
-    builder = DiagramBuilder()
-    state = builder.AddNamedSystem("state", Integrator([1.0, 2.0]))
-    gain = builder.AddNamedSystem("gain", Gain(-rate, 2))
-    builder.Connect(state.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), state.get_input_port())
-    return builder.Build()
+    return Wired(
+        {"state": Integrator([1.0, 2.0]), "gain": Gain(-rate, 2)},
+        {"gain": "state", "state": "gain"},
+    )
 
 
 def check_machine_code(diagram):

@@ -16,6 +16,7 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 from sources import Step
+from wired import Wired
 
 from teleop_drake.loops import MakeSimulator, TransportDelay, simulate
 from teleop_drake.loops.framework.solver import DefaultSimulator
@@ -93,12 +94,11 @@ def behind(source):
 
 def held_sine():
     """Returns a Diagram of a sine that is held for 0.1 s."""
-    builder = DiagramBuilder()
-    sine = builder.AddSystem(Sine(1.0, 6.0, 0.7, 1))
-    hold = builder.AddSystem(ZeroOrderHold(0.1, 1))
-    builder.Connect(sine.get_output_port(0), hold.get_input_port())
-    builder.ExportOutput(hold.get_output_port(), "held")
-    return builder.Build()
+    return Wired(
+        {"sine": Sine(1.0, 6.0, 0.7, 1), "hold": ZeroOrderHold(0.1, 1)},
+        {"hold": "sine.y0"},
+        {"held": "hold"},
+    )
 
 
 def test_a_held_signal_in_drakes_own_simulator_has_a_warning():

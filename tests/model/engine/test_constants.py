@@ -14,6 +14,7 @@ from pydrake.systems.primitives import (
     Saturation,
     Sine,
 )
+from wired import Wired
 
 from teleop_drake import Compile, MakePage, simulate
 from teleop_drake.blocks import LayerConfig, LayeredForceField
@@ -155,16 +156,16 @@ def test_a_run_with_other_constants_has_no_final_context():
 
 def touching(k=1.0):
     """Returns a field whose tool is at 0.5 k m; a layer begins at 1 m."""
-    builder = DiagramBuilder()
     layer = LayerConfig(name="wall", start=1.0, stiffness=10.0)
-    field = builder.AddNamedSystem("field", LayeredForceField([layer], 1))
-    gain = builder.AddNamedSystem("x", Gain([k]))
-    place = builder.AddNamedSystem("place", ConstantVectorSource([0.5]))
-    speed = builder.AddNamedSystem("speed", ConstantVectorSource([0.0]))
-    builder.Connect(place.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), field.GetInputPort("tool_position"))
-    builder.Connect(speed.get_output_port(), field.GetInputPort("tool_velocity"))
-    return builder.Build()
+    return Wired(
+        {
+            "field": LayeredForceField([layer], 1),
+            "x": Gain([k]),
+            "place": ConstantVectorSource([0.5]),
+            "speed": ConstantVectorSource([0.0]),
+        },
+        {"x": "place", "field.tool_position": "x", "field.tool_velocity": "speed"},
+    )
 
 
 def test_the_initial_mode_follows_a_constant():

@@ -10,6 +10,7 @@ from pydrake.systems.primitives import (
     RandomSource,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake import Compile, SampledSensor, simulate
 from teleop_drake.loops import TransportDelay
@@ -188,12 +189,8 @@ class Squared(KernelBlock):
 
 
 def test_each_run_of_a_users_own_block_has_the_draws_from_the_start():
-    builder = DiagramBuilder()
     noise = RandomSource(RandomDistribution.kGaussian, 1, 0.1)
-    builder.AddNamedSystem("noise", noise)
-    own = builder.AddNamedSystem("own", Squared())
-    builder.Connect(noise.get_output_port(), own.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired({"noise": noise, "own": Squared()}, {"own": "noise"})
     context = begin(diagram, 5)
     program = Compile(diagram, context=context, duration=1.0)
     drake = simulate(diagram, context=context, duration=1.0, engine="drake")

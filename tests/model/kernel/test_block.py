@@ -8,8 +8,9 @@ import pytest
 from block_checks import Feedthrough
 from kernel_checks import CheckKernel
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.systems.framework import BasicVector, DiagramBuilder
+from pydrake.systems.framework import BasicVector
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
+from wired import Wired
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock, times
@@ -158,15 +159,16 @@ def inverted(x, u):
 
 def test_drake_linearises_kernel_blocks_exactly():
     """Two in a row, against closed forms; NumPy's inv knows no AutoDiffXd."""
-    builder = DiagramBuilder()
-    first = builder.AddNamedSystem("first", Pendulum(g=3.0))
-    parts = builder.AddNamedSystem("parts", Demultiplexer([1, 1]))
-    second = builder.AddNamedSystem("second", Pendulum(g=5.0))
-    builder.Connect(first.get_output_port(), parts.get_input_port())
-    builder.Connect(parts.get_output_port(1), second.get_input_port())
-    builder.ExportInput(first.get_input_port(), "u")
-    builder.ExportOutput(second.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "first": Pendulum(g=3.0),
+            "parts": Demultiplexer([1, 1]),
+            "second": Pendulum(g=5.0),
+        },
+        {"parts": "first", "second": "parts.y1"},
+        {"y": "second"},
+        inputs={"u": "first"},
+    )
     context = diagram.CreateDefaultContext()
     a, b, c, d = x = np.array([0.4, -0.7, -0.2, 1.1])
     context.SetContinuousState(x)

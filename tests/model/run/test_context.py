@@ -29,6 +29,7 @@ from pydrake.systems.primitives import (
     SymbolicVectorSystem,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -239,11 +240,11 @@ def test_an_event_that_ends_a_run_is_reported_with_its_reason():
 
 
 def test_an_event_ends_a_run_with_delays_too():
-    builder = DiagramBuilder()
-    ender = builder.AddSystem(Ender())
-    delay = builder.AddSystem(TransportDelay(delay=0.05, size=1))
-    builder.Connect(ender.get_output_port(), delay.get_input_port())
-    recording = simulate(builder.Build(), duration=1.0)
+    diagram = Wired(
+        {"ender": Ender(), "delay": TransportDelay(delay=0.05, size=1)},
+        {"delay": "ender"},
+    )
+    recording = simulate(diagram, duration=1.0)
     assert (recording.termination, recording.reason) == ("terminated", "enough")
 
 
@@ -284,10 +285,8 @@ def test_unnamed_systems_are_called_by_their_class_and_numbered():
 
 
 def test_no_name_of_a_system_makes_it_a_teleoperator():
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("robot", Speed())
-    builder.AddNamedSystem("surgeon", Speed())
-    recording = simulate(builder.Build(), duration=0.1)
+    diagram = Wired({"robot": Speed(), "surgeon": Speed()}, {})
+    recording = simulate(diagram, duration=0.1)
     assert list(recording) == ["robot.tool_velocity", "surgeon.tool_velocity"]
 
 
@@ -445,14 +444,15 @@ def test_packets_under_way_arrive_in_later_parts(make, split, former, latter):
 
 
 def test_packets_under_way_arrive_as_on_paper():
-    builder = DiagramBuilder()
-    source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
-    hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
-    plant = builder.AddSystem(Integrator(1))
-    builder.Connect(source.get_output_port(0), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "source": Sine(1.0, 2.0, 0.0, 1),
+            "hold": SampledDelay(size=1, delay=0.5, sample_period=0.3),
+            "plant": Integrator(1),
+        },
+        {"hold": "source.y0", "plant": "hold"},
+        {"x": "plant"},
+    )
     first = simulate(diagram, duration=0.9)
     second = continued(diagram, first, duration=1.1)
     assert {x.solver.engine for x in (first, second)} == {"compiled"}
@@ -490,11 +490,10 @@ class Late(LeafSystem):
 
 
 def test_a_run_without_final_context_has_a_note():
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource([1.0]))
-    late = builder.AddSystem(Late())
-    builder.Connect(source.get_output_port(), late.get_input_port())
-    recording = simulate(builder.Build(), duration=0.2)
+    diagram = Wired(
+        {"source": ConstantVectorSource([1.0]), "late": Late()}, {"late": "source"}
+    )
+    recording = simulate(diagram, duration=0.2)
     assert recording.solver.engine == "compiled"
     assert recording.final_context is None
     assert any("signals under way no Context stores" in x for x in recording.notes)

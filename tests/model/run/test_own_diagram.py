@@ -19,6 +19,7 @@ from pydrake.systems.primitives import (
     Integrator,
     Sine,
 )
+from wired import Wired
 
 from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -103,14 +104,16 @@ def test_without_exported_outputs_all_of_its_systems_are_recorded():
 @pytest.mark.parametrize("engine", ["compiled", "drake"])
 def test_jumps_are_where_they_are(engine):
     """A sine is held for 0.3 s and integrated; each jump of the hold has two rows."""
-    builder = DiagramBuilder()
-    source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
-    hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
-    plant = builder.AddSystem(Integrator(1))
-    builder.Connect(source.get_output_port(0), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "held")
-    recording = simulate(builder.Build(), duration=2.0, engine=engine)
+    diagram = Wired(
+        {
+            "source": Sine(1.0, 2.0, 0.0, 1),
+            "hold": SampledDelay(size=1, delay=0.5, sample_period=0.3),
+            "plant": Integrator(1),
+        },
+        {"hold": "source.y0", "plant": "hold"},
+        {"held": "plant"},
+    )
+    recording = simulate(diagram, duration=2.0, engine=engine)
     sent = np.arange(0, 1.5, 0.3)
     shown = np.append(sent + 0.5, 2.0)
     exact = np.concatenate(([0], np.cumsum(np.sin(2 * sent) * np.diff(shown))))
@@ -153,9 +156,7 @@ def Open():
 
 
 def NoOutputs():
-    builder = DiagramBuilder()
-    builder.AddSystem(LeafSystem())
-    diagram = builder.Build()
+    diagram = Wired({"leafsystem": LeafSystem()}, {})
     diagram.set_name("silent")
     return diagram
 
@@ -202,14 +203,13 @@ def test_a_system_without_vector_outputs_runs(make, engine):
 
 
 def test_numbers_that_leave_the_finite_end_a_run():
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(Integrator([1.0]))
-    gain = builder.AddSystem(Gain(800.0, 1))
-    builder.Connect(plant.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
     config = SimulatorConfig(use_error_control=False, max_step_size=0.01)
-    recording = simulate(builder.Build(), duration=9.0, simulator=config)
+    diagram = Wired(
+        {"plant": Integrator([1.0]), "gain": Gain(800.0, 1)},
+        {"gain": "plant", "plant": "gain"},
+        {"x": "plant"},
+    )
+    recording = simulate(diagram, duration=9.0, simulator=config)
     assert recording.reason == "a signal is not finite"
     assert np.isfinite(recording["x"]).all() and recording["x"][-1] > 1e300
 
@@ -270,13 +270,12 @@ class Switch(LeafSystem):
 
 
 def test_an_event_of_a_users_own_stands_twice():
-    builder = DiagramBuilder()
-    system = builder.AddSystem(Switch())
-    plant = builder.AddSystem(Integrator(1))
-    builder.Connect(system.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(system.get_output_port(), "rate")
-    builder.ExportOutput(plant.get_output_port(), "y")
-    recording = simulate(builder.Build(), duration=1.0, engine="drake")
+    diagram = Wired(
+        {"system": Switch(), "plant": Integrator(1)},
+        {"plant": "system"},
+        {"rate": "system", "y": "plant"},
+    )
+    recording = simulate(diagram, duration=1.0, engine="drake")
     (place,) = np.flatnonzero(np.diff(recording.time) == 0)
     assert recording.time[place] == pytest.approx(0.25, abs=1e-6)
     assert recording["rate"][place : place + 2, 0].tolist() == [1.0, -2.0]

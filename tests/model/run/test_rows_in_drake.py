@@ -20,6 +20,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 from pydrake.trajectories import PiecewisePolynomial
+from wired import Wired
 
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.framework.signals import SignalsOf
@@ -184,15 +185,20 @@ def test_a_held_signal_jumps_at_its_samples():
 def test_a_wall_is_felt_in_a_diagram_without_continuous_states():
     """A sine of 1 m enters a wall at 0.5 m with 90 N/m: 45 N at most."""
     bone = LayerConfig(name="bone", start=0.5, stiffness=90.0, reference=0.5)
-    builder = DiagramBuilder()
-    hand = builder.AddNamedSystem("hand", Sine(1.0, 6.0, 0.0, 1))
-    wall = builder.AddNamedSystem("wall", LayeredForceField([bone], 1))
-    twice = builder.AddNamedSystem("twice", PythonGain())
-    builder.Connect(hand.get_output_port(0), wall.GetInputPort("tool_position"))
-    builder.Connect(hand.get_output_port(1), wall.GetInputPort("tool_velocity"))
-    builder.Connect(wall.GetOutputPort("environment_force"), twice.get_input_port())
-    builder.ExportOutput(twice.get_output_port(), "y")
-    recording = simulate(builder.Build(), duration=2.0, engine="drake")
+    diagram = Wired(
+        {
+            "hand": Sine(1.0, 6.0, 0.0, 1),
+            "wall": LayeredForceField([bone], 1),
+            "twice": PythonGain(),
+        },
+        {
+            "wall.tool_position": "hand.y0",
+            "wall.tool_velocity": "hand.y1",
+            "twice": "wall.environment_force",
+        },
+        {"y": "twice"},
+    )
+    recording = simulate(diagram, duration=2.0, engine="drake")
 
     def Expected(t):
         return 2 * 90 * np.maximum(np.sin(6 * t) - 0.5, 0)

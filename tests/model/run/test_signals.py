@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
+from wired import Wired
 
 from teleop_drake.loops.framework.signals import SelectSignals
 from teleop_drake.model.run.compile import Compile
@@ -17,21 +17,17 @@ ENGINES = ["drake", "compiled"]
 
 def nested():
     """Returns x' = 1 - x from 0, in a diagram in a diagram."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator(1))
-    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
-    adder = builder.AddNamedSystem("sum", Adder(2, 1))
-    builder.Connect(plant.get_output_port(), minus.get_input_port())
-    builder.Connect(minus.get_output_port(), adder.get_input_port(0))
-    builder.Connect(adder.get_output_port(), plant.get_input_port())
-    builder.ExportInput(adder.get_input_port(1), "u")
-    builder.ExportOutput(plant.get_output_port(), "x")
-    outer = DiagramBuilder()
-    inner = outer.AddNamedSystem("inner", builder.Build())
-    source = outer.AddNamedSystem("source", ConstantVectorSource([1.0]))
-    outer.Connect(source.get_output_port(), inner.get_input_port())
-    outer.ExportOutput(inner.get_output_port(), "shown")
-    return outer.Build()
+    diagram = Wired(
+        {"plant": Integrator(1), "minus": Gain(-1.0, 1), "sum": Adder(2, 1)},
+        {"minus": "plant", "sum.u0": "minus", "plant": "sum"},
+        {"x": "plant"},
+        inputs={"u": "sum.u1"},
+    )
+    return Wired(
+        {"inner": diagram, "source": ConstantVectorSource([1.0])},
+        {"inner": "source"},
+        {"shown": "inner"},
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)

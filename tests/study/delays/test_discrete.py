@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay, PassThrough, Sine
+from wired import Wired
 
 from teleop_drake import MakePage, simulate
 from teleop_drake.model.channels.discrete import DiscreteChannelConfig
@@ -27,11 +27,9 @@ def test_what_is_sampled_comes_out_whole_periods_later():
     """After the update at t = j h, sample j - n is there, taken at (j - n) h."""
     config = DiscreteChannelConfig(delay=0.1, sample_period=H)
     channel = config.MakeChannel(size=1, initial_value=[0.5])
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", Sine(1.0, 3.0, 0.0, 1))
-    builder.AddNamedSystem("channel", channel)
-    builder.Connect(source.get_output_port(0), channel.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired(
+        {"source": Sine(1.0, 3.0, 0.0, 1), "channel": channel}, {"channel": "source.y0"}
+    )
     simulator = Simulator(diagram)
     context = channel.GetMyContextFromRoot(simulator.get_context())
     for j in range(12):

@@ -17,6 +17,7 @@ from pydrake.systems.primitives import (
     LinearSystem,
     SymbolicVectorSystem,
 )
+from wired import Wired
 
 from teleop_drake import AnalyzeStability, LoadScenario, MakeTeleoperator, simulate
 from teleop_drake.loops import DelayMargin, LinearizePorts, TransportDelay
@@ -370,17 +371,14 @@ def test_delays_in_series_are_settled():
     """dx/dt = c - x^2(t - T1 - T2) has the equilibrium x = sqrt(c), with slope -2 x."""
     x = Variable("x")
     u = Variable("u")
-    builder = DiagramBuilder()
     plant = SymbolicVectorSystem(
         state=[x], input=[u], dynamics=[4.0 - u**2], output=[x]
     )
-    plant = builder.AddNamedSystem("plant", plant)
-    first = builder.AddNamedSystem("first", TransportDelay(0.1, 1))
-    second = builder.AddNamedSystem("second", TransportDelay(0.05, 1))
-    builder.Connect(plant.get_output_port(), first.get_input_port())
-    builder.Connect(first.get_output_port(), second.get_input_port())
-    builder.Connect(second.get_output_port(), plant.get_input_port())
-    diagram = builder.Build()
+    second = TransportDelay(0.05, 1)
+    diagram = Wired(
+        {"plant": plant, "first": TransportDelay(0.1, 1), "second": second},
+        {"first": "plant", "second": "first", "plant": "second"},
+    )
     context = diagram.CreateDefaultContext()
     plant.GetMyMutableContextFromRoot(context).SetContinuousState([2.0])
     for port in (plant.get_output_port(), second.get_output_port()):

@@ -19,6 +19,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 from pydrake.visualization import AddDefaultVisualization
+from wired import Wired
 
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.linear.ports import LinearizePorts
@@ -34,24 +35,23 @@ K = 0.7
 
 def MakeLoop():
     """Returns the loop r -> (+) -> 1 / (s + 2) -> y with the feedback -K y(t - T)."""
-    builder = DiagramBuilder()
-    adder = builder.AddNamedSystem("adder", Adder(2, 1))
-    plant = builder.AddNamedSystem("plant", LinearSystem([[-2.0]], [[1.0]], [[1.0]]))
-    inner = DiagramBuilder()
-    gain = inner.AddNamedSystem("gain", Gain(-K, 1))
-    delay = inner.AddNamedSystem("delay", TransportDelay(delay=T, size=1))
-    inner.Connect(gain.get_output_port(), delay.get_input_port())
-    inner.ExportInput(gain.get_input_port(), "y")
-    inner.ExportOutput(delay.get_output_port(), "fed_back")
-    feedback = inner.Build()
+    feedback = Wired(
+        {"gain": Gain(-K, 1), "delay": TransportDelay(delay=T, size=1)},
+        {"delay": "gain"},
+        {"fed_back": "delay"},
+        inputs={"y": "gain"},
+    )
     feedback.set_name("feedback")
-    builder.AddSystem(feedback)
-    builder.Connect(adder.get_output_port(), plant.get_input_port())
-    builder.Connect(plant.get_output_port(), feedback.get_input_port())
-    builder.Connect(feedback.get_output_port(), adder.get_input_port(1))
-    builder.ExportInput(adder.get_input_port(0), "r")
-    builder.ExportOutput(plant.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "adder": Adder(2, 1),
+            "plant": LinearSystem([[-2.0]], [[1.0]], [[1.0]]),
+            "feedback": feedback,
+        },
+        {"plant": "adder", "feedback": "plant", "adder.u1": "feedback"},
+        {"y": "plant"},
+        inputs={"r": "adder.u0"},
+    )
     diagram.set_name("loop")
     return diagram
 
@@ -193,13 +193,15 @@ def LayerAt(position, teleoperator):
 
 def test_what_a_delay_delivers_may_be_the_output_and_may_enter_a_delay():
     """Two delays in series, from the diagram's input to its output."""
-    builder = DiagramBuilder()
-    first = builder.AddNamedSystem("first", TransportDelay(delay=0.1, size=1))
-    second = builder.AddNamedSystem("second", TransportDelay(delay=T, size=1))
-    builder.Connect(first.get_output_port(), second.get_input_port())
-    builder.ExportInput(first.get_input_port(), "u")
-    builder.ExportOutput(second.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "first": TransportDelay(delay=0.1, size=1),
+            "second": TransportDelay(delay=T, size=1),
+        },
+        {"second": "first"},
+        {"y": "second"},
+        inputs={"u": "first"},
+    )
     model = LinearizePorts(
         diagram,
         diagram.CreateDefaultContext(),
@@ -254,14 +256,13 @@ class Cubic(LeafSystem):
 
 def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
     """u -> delay -> Cubic -> y, at x = 0.5 and u = 0.25, which is no equilibrium."""
-    builder = DiagramBuilder()
     delay = TransportDelay(delay=T, size=1, initial_value=[0.25])
-    builder.AddNamedSystem("delay", delay)
-    cubic = builder.AddNamedSystem("cubic", Cubic())
-    builder.Connect(delay.get_output_port(), cubic.get_input_port())
-    builder.ExportInput(delay.get_input_port(), "u")
-    builder.ExportOutput(cubic.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {"delay": delay, "cubic": Cubic()},
+        {"cubic": "delay"},
+        {"y": "cubic"},
+        inputs={"u": "delay"},
+    )
     model = LinearizePorts(
         diagram,
         diagram.CreateDefaultContext(),

@@ -8,6 +8,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from runs import Run
+from wired import Wired
 
 from teleop_drake.model.blocks.architectures import Architecture
 from teleop_drake.model.blocks.architectures.direct_force import DirectForce
@@ -42,18 +43,21 @@ def PlainMasterSide(n):
 
 def PlainSlaveSide(n):
     """Applies the force that comes second, and returns [v; p]."""
-    builder = DiagramBuilder()
-    unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n, n]))
-    law = builder.AddNamedSystem("law", DirectForce(num_axes=n))
-    pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-    builder.ExportInput(unpack.get_input_port(), "forward_packet")
-    builder.Connect(unpack.get_output_port(1), law.GetInputPort("haptic_force"))
-    builder.ExportInput(pack.get_input_port(0), "tool_velocity")
-    builder.ExportInput(pack.get_input_port(1), "tool_position")
-    builder.ExportInput(law.GetInputPort("environment_force"), "environment_force")
-    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
-    builder.ExportOutput(pack.get_output_port(), "return_packet")
-    return builder.Build()
+    return Wired(
+        {
+            "unpack": Demultiplexer([n, n, n]),
+            "law": DirectForce(num_axes=n),
+            "pack": Multiplexer([n, n]),
+        },
+        {"law.haptic_force": "unpack.y1"},
+        {"control_force": "law.control_force", "return_packet": "pack"},
+        inputs={
+            "forward_packet": "unpack",
+            "tool_velocity": "pack.u0",
+            "tool_position": "pack.u1",
+            "environment_force": "law.environment_force",
+        },
+    )
 
 
 def PlainArchitecture(scenario):

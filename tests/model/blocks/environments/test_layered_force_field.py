@@ -18,6 +18,7 @@ from pydrake.systems.primitives import (
     Integrator,
 )
 from sources import Step
+from wired import Wired
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.environments.layered_force_field import (
@@ -107,17 +108,24 @@ def test_nothing_before_the_first_layer():
 
 def MakeMass(field, *, speed):
     """A unit mass thrown against the field: x'' = -F_e."""
-    builder = DiagramBuilder()
-    dut = builder.AddNamedSystem("dut", field)
-    velocity = builder.AddNamedSystem("velocity", Integrator(np.array([speed])))
-    position = builder.AddNamedSystem("position", Integrator(1))
-    negative = builder.AddNamedSystem("negative", Gain(-1.0, 1))
-    builder.Connect(velocity.get_output_port(), position.get_input_port())
-    builder.Connect(position.get_output_port(), dut.GetInputPort("tool_position"))
-    builder.Connect(velocity.get_output_port(), dut.GetInputPort("tool_velocity"))
-    builder.Connect(dut.GetOutputPort("environment_force"), negative.get_input_port())
-    builder.Connect(negative.get_output_port(), velocity.get_input_port())
-    return builder.Build(), dut, position, velocity
+    velocity = Integrator(np.array([speed]))
+    position = Integrator(1)
+    diagram = Wired(
+        {
+            "dut": field,
+            "velocity": velocity,
+            "position": position,
+            "negative": Gain(-1.0, 1),
+        },
+        {
+            "position": "velocity",
+            "dut.tool_position": "position",
+            "dut.tool_velocity": "velocity",
+            "negative": "dut.environment_force",
+            "velocity": "negative",
+        },
+    )
+    return diagram, field, position, velocity
 
 
 @pytest.mark.filterwarnings("ignore:.*no event is located")

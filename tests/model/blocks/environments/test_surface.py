@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
+from wired import Wired
 
 from teleop_drake.loops.framework.surface import (
     FindSurface,
@@ -83,10 +84,8 @@ def test_a_diagram_tells_what_its_systems_tell():
         def Surfaces(self):
             return [SKIN]
 
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("teller", Teller())
-    builder.AddNamedSystem("other", LeafSystem())
-    assert SurfacesOf(builder.Build()) == (SKIN,)
+    diagram = Wired({"teller": Teller(), "other": LeafSystem()}, {})
+    assert SurfacesOf(diagram) == (SKIN,)
     assert SurfacesOf(LeafSystem()) is None
 
 

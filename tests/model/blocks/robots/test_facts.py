@@ -11,8 +11,8 @@ from pydrake.multibody.tree import (
     RevoluteJoint,
     SpatialInertia,
 )
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
+from wired import Wired
 
 from teleop_drake.model.blocks.robots import (
     FactsOfConfig,
@@ -52,9 +52,7 @@ def test_own_robot_of_five_kilograms():
     plant.Finalize()
     robot = MakeRobotDiagram(plant=plant, num_axes=1, joint_positions=[0.4])
     # Also where it stands in a larger diagram.
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("robot", robot)
-    loop = builder.Build()
+    loop = Wired({"robot": robot}, {})
     for _ in range(2):
         facts = FactsOfRobot(robot)
         assert facts.inertia == pytest.approx(np.array([[5.0]]))
@@ -103,12 +101,12 @@ def test_more_joints_than_axes():
 
 
 def test_a_robot_without_a_plant_cannot_tell():
-    builder = DiagramBuilder()
-    mass = builder.AddNamedSystem(
-        "mass", LinearSystem(np.diag([1.0], 1), [[0], [1]], [[1, 0]], [[0]])
+    diagram = Wired(
+        {"mass": LinearSystem(np.diag([1.0], 1), [[0], [1]], [[1, 0]], [[0]])},
+        {},
+        {"tool_position": "mass"},
     )
-    builder.ExportOutput(mass.get_output_port(), "tool_position")
-    facts = FactsOfRobot(builder.Build())
+    facts = FactsOfRobot(diagram)
     assert (len(facts.start), facts.inertia, facts.damping) == (1, None, None)
 
 
