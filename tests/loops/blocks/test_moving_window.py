@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from engines import Compiled, Errors, InWebAssembly
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.primitives import Gain, Integrator, LinearSystem, Sine
 from pydrake.trajectories import PiecewisePolynomial
@@ -88,7 +89,7 @@ def behind(block, window):
 def check(recording, weights, *, start=0.0, before=(0.0, 0.0), atol=1e-9):
     times = np.linspace(recording.time[0], recording.time[-1], 37)[1:-1] + 1e-5
     expected = [right(weights, time, start, before) for time in times]
-    np.testing.assert_allclose(recording.Interpolate("y", times), expected, atol=atol)
+    assert_allclose(recording.Interpolate("y", times), expected, atol=atol)
 
 
 @pytest.mark.parametrize("name", WEIGHTS)
@@ -198,7 +199,7 @@ def test_a_linear_model_has_the_response_of_the_window():
     )
     s = 1j * np.array([0.3, 2.0, 11.0])
     expected = (1.0 - np.exp(-s * T)) / (s * T)
-    np.testing.assert_allclose(model.Response(s.imag)[:, 0, 0], expected, rtol=1e-10)
+    assert_allclose(model.Response(s.imag)[:, 0, 0], expected, rtol=1e-10)
 
 
 def test_a_window_runs_in_a_page():

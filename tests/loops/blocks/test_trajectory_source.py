@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import Simulator
 from pydrake.trajectories import PiecewisePolynomial, PiecewiseQuaternionSlerp
@@ -42,7 +43,7 @@ def test_it_is_drakes_source(trajectory, order, start, engine):
         own.SetTime(time)
         expected = theirs.get_output_port().Eval(own)
         found = recording.Interpolate("source.y0", [time])[0]
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-8)
+        assert_allclose(found, expected, rtol=1e-9, atol=1e-8)
     # The integral of the steps has a closed form; the last value is held.
     if trajectory is STEPS and start == 0.0:
         total = (0.501 - 0.5) * 1.0 + (1.5 - 0.501) * -2.0

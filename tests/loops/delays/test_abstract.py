@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
@@ -78,7 +79,7 @@ def check(recording, start=0.0, before=-5.0):
     first = np.ceil(start / PERIOD - 1e-9) * PERIOD
     right = np.where(sent < first - 1e-9, before, sent)
     x = recording.Interpolate("x", times)[:, 0]
-    np.testing.assert_allclose(x, right, atol=1e-12)
+    assert_allclose(x, right, atol=1e-12)
 
 
 def pose_delay():
@@ -132,7 +133,7 @@ def test_a_multiple_of_the_period_is_what_drake_does():
             x = diagram.GetOutputPort("x").Eval(simulator.get_context())
             rows.append(x[0])
         found.append(rows)
-    np.testing.assert_allclose(*found, atol=1e-12)
+    assert_allclose(*found, atol=1e-12)
 
 
 def test_the_model_may_be_an_abstract_value():

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from engines import Compiled, InDrake
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import (
@@ -147,7 +148,7 @@ def test_samples_need_few_rows(monkeypatch, delay):
     assert max(num_rows) < 150
     _, times, rows = run(diagram, 4.0, every=1 / 40)
     nearest = [np.abs(times - time).argmin() for time in instants]
-    np.testing.assert_allclose(samples, rows[nearest, 0], atol=1e-8)
+    assert_allclose(samples, rows[nearest, 0], atol=1e-8)
 
 
 class Switch(LeafSystem):
@@ -197,7 +198,7 @@ def test_transitions_are_located():
     fall = math.log(2)
     again = math.log(5 / 4)
     expected = np.cumsum([rise, fall, again, fall, again])
-    np.testing.assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
+    assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
 
 
 @pytest.mark.parametrize("every", [math.inf, 0.1, 0.03])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.examples import (
     AcrobotPlant,
     PendulumPlant,
@@ -140,7 +141,7 @@ def test_angles_are_wrapped_as_in_drake(angle):
     block.get_input_port().FixValue(context, u)
     expected = block.get_output_port().Eval(context)
     y, _ = Evaluator(block, context).Evaluate(context)
-    np.testing.assert_allclose(y[:4], expected, rtol=0, atol=1e-14)
+    assert_allclose(y[:4], expected, rtol=0, atol=1e-14)
     assert y[2] == angle
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
 from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
@@ -38,7 +39,7 @@ def test_other_parameters_take_the_same_machine_code():
     gravity = 9.81
     torque = 0.3 - damping * 0.2 - mass * gravity * length * np.sin(0.4)
     expected = [0.2, torque / (mass * length**2)]
-    np.testing.assert_allclose(other.Evaluate(context)[1], expected, rtol=1e-14)
+    assert_allclose(other.Evaluate(context)[1], expected, rtol=1e-14)
 
 
 def test_a_discrete_symbolic_system_steps():

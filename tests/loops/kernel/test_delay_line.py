@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -64,7 +65,7 @@ def test_it_delivers_by_the_rule_of_its_keys():
     sent = (times[~before] - 0.5) / 1.25
     expected = [signal.value(t)[0, 0] for t in sent]
     # Kinks of the second derivative, between samples 0.01 s apart.
-    np.testing.assert_allclose(values[~before], expected, atol=1e-4)
+    assert_allclose(values[~before], expected, atol=1e-4)
     assert np.ptp(values) > 5
     assert CheckKernel(Slowing([7.0])) == []
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 
@@ -47,7 +48,7 @@ def check(recording):
     values = pieces.signal(recording["shown"])[:, 1:-1, 0]
     shares = np.array([0.25, 0.5, 0.75])
     times = pieces.begin[:, None] + shares * pieces.length[:, None]
-    np.testing.assert_allclose(values, expected(times), atol=1e-9)
+    assert_allclose(values, expected(times), atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

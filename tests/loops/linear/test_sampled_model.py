@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
@@ -88,11 +89,11 @@ def test_the_loop_is_that_of_python_control():
     w = np.array([0.1, 1.0, 10.0, 60.0])
     bode = model.bode(w)
     response = Response(w)
-    np.testing.assert_allclose(10 ** (bode.magnitude / 20), np.abs(response), rtol=1e-9)
+    assert_allclose(10 ** (bode.magnitude / 20), np.abs(response), rtol=1e-9)
     turned = np.exp(1j * np.radians(bode.phase)) - np.exp(1j * np.angle(response))
-    np.testing.assert_allclose(np.abs(turned), 0.0, atol=1e-9)
+    assert_allclose(np.abs(turned), 0.0, atol=1e-9)
     converted = model.to_control()(np.exp(1j * w * H))
-    np.testing.assert_allclose(converted, response, rtol=1e-9)
+    assert_allclose(converted, response, rtol=1e-9)
     closed = control.feedback(expected, 1)
     found = sorted(np.abs(model.Roots()))[-3:]
     assert found == pytest.approx(sorted(np.abs(closed.poles())), rel=1e-8)
@@ -150,7 +151,7 @@ def test_two_rates_with_a_common_period():
     model = LinearizePorts(diagram, context, port, is_opened=True)
     expected = np.abs(np.linalg.eigvals([[0.7, -0.3], [1.0, 0.0]]))
     found = np.sort(np.abs(model.Roots()))[-2:]
-    np.testing.assert_allclose(found, np.sort(expected), atol=1e-12)
+    assert_allclose(found, np.sort(expected), atol=1e-12)
     assert model.period == pytest.approx(0.2)
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -232,7 +233,7 @@ def test_a_run_that_begins_before_time_0_has_the_delay_of_the_profile(profile, e
     sent = times - profile(times)
     right = np.where(sent > -0.3, np.sin(3.0 * sent + 0.7), 0.0)
     late = recording.Interpolate("late", times)[:, 0]
-    np.testing.assert_allclose(late, right, atol=ACCURACY[engine])
+    assert_allclose(late, right, atol=ACCURACY[engine])
 
 
 @pytest.mark.parametrize("engine", ["drake", "compiled"])

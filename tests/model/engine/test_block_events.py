@@ -5,8 +5,8 @@ import gc
 import pstats
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import (
     DiagramBuilder,
@@ -441,7 +441,7 @@ def test_a_control_law_with_a_dead_man_switch_lets_go():
     robot = diagram.GetSubsystemByName("robot")
     own = robot.GetMyContextFromRoot(simulator.get_context())
     velocity = robot.GetOutputPort("tool_velocity").Eval(own)
-    np.testing.assert_allclose(recording["tool_velocity"][-1], velocity, rtol=0.02)
+    assert_allclose(recording["tool_velocity"][-1], velocity, rtol=0.02)
 
 
 def test_the_garbage_collector_is_no_event():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
@@ -98,7 +99,7 @@ def same_rows(one, other):
     assert one.solver.engine == other.solver.engine == "compiled"
     assert one.time.tobytes() == other.time.tobytes()
     for name in one:
-        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        assert_array_equal(one[name], other[name], err_msg=name)
 
 
 @pytest.mark.parametrize(("make", "constants"), CASES)
@@ -120,7 +121,7 @@ def test_constants_are_among_the_named_parameters():
         "limit.max_value": [3.0],
     }
     source = NamedParameters(ConstantVectorSource([1.0, 2.0]))["value"].value
-    np.testing.assert_array_equal(source, [1.0, 2.0])
+    assert_array_equal(source, [1.0, 2.0])
 
 
 def test_a_controller_of_selected_states_has_no_constants():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -46,7 +47,7 @@ def begin(diagram, seed):
 
 def check_equal(one, other, times):
     for name in other:
-        np.testing.assert_allclose(
+        assert_allclose(
             one.Interpolate(name, times), other.Interpolate(name, times), atol=1e-9
         )
 
@@ -143,12 +144,12 @@ def test_what_samples_a_draw_at_its_instant_reads_what_drake_does(period, hold_p
         assert run.solver.engine == engine
         for name, values in drake.items():
             found = run.Interpolate(name, times)
-            np.testing.assert_allclose(found, values, atol=1e-6, err_msg=name)
+            assert_allclose(found, values, atol=1e-6, err_msg=name)
     # The first sample, by its definition.
     first = drake["noise"][0]
     before = diagram.GetOutputPort("noise").Eval(context)
-    np.testing.assert_array_equal(drake["hold"][0], first)
-    np.testing.assert_array_equal(drake["sensor"][0], before)
+    assert_array_equal(drake["hold"][0], first)
+    assert_array_equal(drake["sensor"][0], before)
 
 
 @pytest.mark.parametrize(("period", "hold_period"), PERIODS)
@@ -169,7 +170,7 @@ def test_two_halves_of_a_held_draw_are_the_whole(period, hold_period, latter):
     )
     for name, values in drake.items():
         found = second.Interpolate(name, times)
-        np.testing.assert_allclose(found, values, atol=1e-6, err_msg=name)
+        assert_allclose(found, values, atol=1e-6, err_msg=name)
 
 
 def squared(noise):

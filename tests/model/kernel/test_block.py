@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from block_checks import Feedthrough
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.framework import BasicVector
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
@@ -177,15 +178,15 @@ def test_drake_linearises_kernel_blocks_exactly():
     # y = [1/a, (u - b/a)/2] of each, and u = y1 of the first for the second.
     y1 = [b / (2 * a**2), -1 / (2 * a), 0, 0]
     slopes = -3 * (math.cos(a) * a + math.sin(a)), 5 * (math.cos(c) * c + math.sin(c))
-    np.testing.assert_allclose(
+    assert_allclose(
         linear.A(),
         [[0, 1, 0, 0], [slopes[0], 0, 0, 0], [0, 0, 0, 1], y1 + slopes[1] * EYE[2]],
         atol=1e-14,
     )
-    np.testing.assert_array_equal(linear.B(), [[0], [1], [0], [0.5]])
+    assert_array_equal(linear.B(), [[0], [1], [0], [0.5]])
     y = [-EYE[2] / c**2, (y1 + d / c**2 * EYE[2] - EYE[3] / c) / 2]
-    np.testing.assert_allclose(linear.C(), y, atol=1e-13)
-    np.testing.assert_array_equal(linear.D(), [[0], [0.25]])
+    assert_allclose(linear.C(), y, atol=1e-13)
+    assert_array_equal(linear.D(), [[0], [0.25]])
 
 
 def test_every_sort_of_term_converts():

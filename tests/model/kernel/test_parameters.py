@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, Sine
@@ -290,7 +291,7 @@ def test_one_number_is_a_gain_times_the_identity():
     context = diagram.CreateDefaultContext()
     SetNumbers(diagram, context, {f"{law}.G1": 2.5, "environment.damping": 0.1})
     values = parameters.NamedParameters(diagram, context)
-    np.testing.assert_array_equal(values[f"{law}.G1"].value, 2.5 * np.eye(2))
+    assert_array_equal(values[f"{law}.G1"].value, 2.5 * np.eye(2))
     assert set(values["environment.damping"].value) == {0.1}
 
 

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -177,7 +178,7 @@ def test_a_step_that_ends_just_before_a_tick_has_both_sides_of_the_jump():
     times, samples = np.transpose(rows)
     jumps = np.flatnonzero((np.diff(samples) != 0) & (times[:-1] > 0))
     assert len(jumps) == 9
-    np.testing.assert_array_equal(times[jumps], times[jumps + 1])
+    assert_array_equal(times[jumps], times[jumps + 1])
 
 
 def test_ticks_near_and_after_a_time():

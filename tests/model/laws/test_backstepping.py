@@ -10,6 +10,7 @@ from block_checks import Gains, backstepping_rate
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
@@ -188,18 +189,18 @@ def test_networks_of_position_and_velocity(n, seed):
     numbers = network.as_numbers()
     x = pack_state(state)
     _, Phi, Phi_dot, _, _ = known(gains, numbers, x, r, v, v_dd, F_e, F_hd)
-    np.testing.assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
+    assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
     a = state.Psi @ (state.F_c - F_e)
     h = 1e-30j
     offsets = (
         np.concatenate((r + h * v, v + h * a)) - network.centres
     ) / network.widths
     expected = np.exp(-(offsets**2).sum(axis=1)).imag / h.imag
-    np.testing.assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
+    assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
     # The law is that of the identity above, with these basis functions.
     rate = backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd)
     x_dot = adaptive_rate(gains, numbers, x, r, v, v_dd, F_e, F_hd)
-    np.testing.assert_array_equal(x_dot, pack_state(rate))
+    assert_array_equal(x_dot, pack_state(rate))
 
 
 @given(seed=seeds)
@@ -252,10 +253,10 @@ def test_one_axis_is_chapter_4(seed):
     alpha_dot = y3 + psi_dot * (y1 + g1 * s) / psi**2 - (y1_dot + g1 * s_dot) / psi
     fc_dot = alpha_dot - psi * s - g2 * z  # (4.32)
 
-    np.testing.assert_allclose(rate.F_c, [fc_dot], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(rate.W1, [w1_dot], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(rate.Psi, [[psi_dot]], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(rate.W3, [w3_dot], rtol=1e-9, atol=1e-9)
+    assert_allclose(rate.F_c, [fc_dot], rtol=1e-9, atol=1e-9)
+    assert_allclose(rate.W1, [w1_dot], rtol=1e-9, atol=1e-9)
+    assert_allclose(rate.Psi, [[psi_dot]], rtol=1e-9, atol=1e-9)
+    assert_allclose(rate.W3, [w3_dot], rtol=1e-9, atol=1e-9)
 
 
 def _at_the_limit(rng, n, num_at_limit, limit):
@@ -289,11 +290,11 @@ def test_projection_at_the_limit(seed, sizes):
     rate = (sigma_min(Psi + h * projected) - LIMIT) / h
     assert rate > -1e-4  # the second order in h
     if free_rate > 1e-3:  # the update does not shrink the singular value
-        np.testing.assert_allclose(projected, update, atol=1e-12)
+        assert_allclose(projected, update, atol=1e-12)
     # The removed part is orthogonal to the rest, and a second projection changes
     # nothing.
     assert np.sum(projected * (update - projected)) == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(project(Psi, projected, LIMIT_UP), projected, atol=1e-12)
+    assert_allclose(project(Psi, projected, LIMIT_UP), projected, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [2, 3])
@@ -306,7 +307,7 @@ def test_projection_takes_out_the_component_along_u_v(n, seed):
     v = Vt[-1]
     update = rng.normal(size=(n, n))
     expected = update - min(u @ update @ v, 0.0) * np.outer(u, v)
-    np.testing.assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
+    assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
 
 
 @given(seed=seeds)
@@ -318,9 +319,7 @@ def test_projection_of_a_multiple_value_does_not_depend_on_its_basis(seed):
     symmetric = (Q.T @ update + update.T @ Q) / 2
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     expected = update - Q @ (vectors * np.minimum(eigenvalues, 0)) @ vectors.T
-    np.testing.assert_allclose(
-        project(LIMIT * Q, update, LIMIT_UP), expected, atol=1e-12
-    )
+    assert_allclose(project(LIMIT * Q, update, LIMIT_UP), expected, atol=1e-12)
 
 
 @example(psi=LIMIT, a=-1.0)
@@ -333,7 +332,7 @@ def test_projection_of_a_scalar_is_4_53(psi, a):
 def test_projection_is_inactive_above_the_limit():
     update = -10.0 * np.eye(2)
     projected = project(1.01 * LIMIT * np.eye(2), update, LIMIT)
-    np.testing.assert_array_equal(projected, update)
+    assert_array_equal(projected, update)
 
 
 @pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
@@ -380,7 +379,7 @@ def test_law_projects_and_supervises_psi(n, seed, margin):
     rate = backstepping_rate(
         gains, state, Phi=Phi, Phi_dot=0 * Phi, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         rate.Psi, gains.beta2 * project(Psi, update, LIMIT_UP), rtol=1e-9, atol=1e-9
     )
 

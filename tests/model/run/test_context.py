@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
 from pydrake.systems.analysis import (
@@ -89,7 +90,7 @@ def test_a_run_begins_at_the_time_state_and_inputs_of_the_context(engine):
     assert recording.solver.engine == engine
     assert recording.time[[0, -1]].tolist() == [3.0, 4.5]
     exact = 2.0 - 1.75 * np.exp(3.0 - recording.time)
-    np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-7)
+    assert_allclose(recording["x"][:, 0], exact, atol=1e-7)
     # The Context of the caller has not changed.
     assert context.get_time() == 3.0
     assert context.get_continuous_state_vector().CopyToVector().tolist() == [0.25]
@@ -107,7 +108,7 @@ def test_numeric_parameters_are_those_of_the_context(engine):
     # Method of steps: x' = -1 until 0.5, then x' = -(1 - (t - 0.5)).
     s = recording.time - 0.5
     exact = np.where(s < 0, 0.5 - s, 0.5 - s + s**2 / 2)
-    np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-9)
+    assert_allclose(recording["x"][:, 0], exact, atol=1e-9)
 
 
 def test_an_open_input_is_refused_by_name_before_anything_else():
@@ -153,7 +154,7 @@ def test_two_halves_are_the_whole(delay, engines, inside):
     assert second.time[[0, -1]] == pytest.approx([0.9, 2.0], abs=1e-12)
     assert second["x"][-1] == pytest.approx(whole["x"][-1], abs=1e-9)
     times = np.linspace(0.9, 2.0, 111)
-    np.testing.assert_allclose(
+    assert_allclose(
         second.Interpolate("x", times), whole.Interpolate("x", times), atol=inside
     )
 
@@ -200,7 +201,7 @@ def test_jumps_under_way_arrive_in_the_second_half(split):
     for name, atol in (("x", 1e-8), ("delayed", 2e-6)):
         for part, run in ((last, whole), (again, longer)):
             inner = np.linspace(part.time[0], part.time[-1], 200)[1:-1] + 1e-6
-            np.testing.assert_allclose(
+            assert_allclose(
                 part.Interpolate(name, inner), run.Interpolate(name, inner), atol=atol
             )
     assert {x.solver.engine for x in (whole, first, last, again)} == {"compiled"}
@@ -258,7 +259,7 @@ def test_a_bare_leaf_system_runs():
     simulator.get_mutable_context().SetAccuracy(1e-4)
     simulator.AdvanceTo(0.05)
     end = simulator.get_context().get_continuous_state_vector().CopyToVector()
-    np.testing.assert_allclose(recording["y0"][-1], end, atol=1e-12)
+    assert_allclose(recording["y0"][-1], end, atol=1e-12)
 
 
 def test_a_discrete_system_without_rates_runs():
@@ -269,7 +270,7 @@ def test_a_discrete_system_without_rates_runs():
     context = system.CreateDefaultContext()
     context.SetDiscreteState([1.0])
     recording = simulate(system, context=context, duration=0.35, engine="drake")
-    np.testing.assert_allclose(recording["y0"][-1], 0.5**4)
+    assert_allclose(recording["y0"][-1], 0.5**4)
 
 
 def test_unnamed_systems_are_called_by_their_class_and_numbered():
@@ -321,13 +322,13 @@ def test_a_log_is_filled_by_a_compiled_run(period):
         found = log.FindLog(run.final_context)
         expected = log.FindLog(simulator.get_context())
         if period:
-            np.testing.assert_array_equal(found.sample_times(), expected.sample_times())
-            np.testing.assert_allclose(found.data(), expected.data(), atol=1e-14)
+            assert_array_equal(found.sample_times(), expected.sample_times())
+            assert_allclose(found.data(), expected.data(), atol=1e-14)
         else:
             own = run.time[run.time == found.sample_times()[-1]]
             assert own[-1] == end
             value = np.sin(2.0 * (found.sample_times()[-1] - 0.1) + 0.5)
-            np.testing.assert_allclose(found.data()[0, -1], value, atol=1e-14)
+            assert_allclose(found.data()[0, -1], value, atol=1e-14)
         context = run.final_context
 
 
@@ -356,7 +357,7 @@ def test_ticks_that_are_rounded_to_before_the_end_happen_once(split, former, lat
     second = continued(diagram, first, **rest)
     times = np.linspace(split + 1e-3, 0.999, 100)
     for name in "dly":
-        np.testing.assert_allclose(
+        assert_allclose(
             second.Interpolate(name, times), whole.Interpolate(name, times), atol=1e-9
         )
 
@@ -438,7 +439,7 @@ def test_packets_under_way_arrive_in_later_parts(make, split, former, latter):
     for part in parts:
         inner = np.linspace(part.time[0], part.time[-1], 50)[1:-1] + 1e-6
         for name in ("x", "shown"):
-            np.testing.assert_allclose(
+            assert_allclose(
                 part.Interpolate(name, inner), whole.Interpolate(name, inner), atol=1e-9
             )
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
@@ -80,7 +81,7 @@ def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, e
     assert changed.solver.engine == expected.solver.engine == engine
     assert set(changed) == set(expected)
     for name in expected:
-        np.testing.assert_allclose(
+        assert_allclose(
             changed[name][-1], expected[name][-1], rtol=1e-9, atol=1e-12, err_msg=name
         )
     # The number has an effect.
@@ -116,7 +117,7 @@ def test_a_compiled_system_runs_with_the_numbers_of_its_context_and_with_others(
         recording = program.Run(**numbers)
         assert recording.solver.engine == "compiled"
         expected = exact(2.0, delay, recording.time)
-        np.testing.assert_allclose(recording["x"][:, 0], expected, atol=1e-9)
+        assert_allclose(recording["x"][:, 0], expected, atol=1e-9)
     assert program.Run(duration=0.3).time[-1] == 0.3
     assert context.get_time() == 0.0
 
@@ -137,7 +138,7 @@ def test_what_runs_of_a_compiled_system_share_is_made_once(monkeypatch):
     assert ends == [0.8, 0.3, 0.8]
     assert [recording.time[-1] for recording in recordings] == list(durations)
     first, *_, last = (recording["x"] for recording in recordings)
-    np.testing.assert_array_equal(first, last)
+    assert_array_equal(first, last)
 
 
 def test_a_compiled_system_refuses_unknown_names():

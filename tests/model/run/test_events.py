@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.primitives import Demultiplexer, Integrator, LinearSystem
 from wired import Wired
 
@@ -52,7 +53,7 @@ def test_guards_are_events_by_the_names_of_their_transitions(engine):
     recording = simulate(MakeRelay(), duration=2.5, engine=engine)
     assert {event.name for event in recording.events} == {"law/relay.switches"}
     times = recording.EventTimes("law/relay.switches")
-    np.testing.assert_allclose(times, [0.5, 1.5], atol=1e-6)
+    assert_allclose(times, [0.5, 1.5], atol=1e-6)
 
 
 @ENGINES
@@ -106,8 +107,8 @@ def test_the_run_of_a_system_is_saved(tmp_path):
         assert getattr(loaded, name) == getattr(recording, name)
     assert list(loaded.channels) == ["network"]
     for name, samples in recording.signals.items():
-        np.testing.assert_array_equal(loaded[name], samples)
+        assert_array_equal(loaded[name], samples)
         middle = recording.Interpolate(name, [0.123])
-        np.testing.assert_array_equal(loaded.Interpolate(name, [0.123]), middle)
+        assert_array_equal(loaded.Interpolate(name, [0.123]), middle)
     with pytest.raises(AttributeError, match="no attribute 'scenario'"):
         loaded.scenario  # noqa: B018

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import (
@@ -89,13 +90,13 @@ def test_a_delay_is_exact_in_both_engines(gain, engine, used):
     is_read = any("gain: machine code of" in note for note in recording.notes)
     assert is_read == (gain is Halver)
     assert list(recording) == ["x"] and recording.time[-1] == 2.1
-    np.testing.assert_allclose(recording["x"][:, 0], Exact(recording.time), atol=1e-6)
+    assert_allclose(recording["x"][:, 0], Exact(recording.time), atol=1e-6)
 
 
 def test_without_exported_outputs_all_of_its_systems_are_recorded():
     recording = simulate(LateLoop(Halver(), exports=False), duration=1.5)
     late = recording["delay.delayed_signal"]
-    np.testing.assert_allclose(recording["gain.half"], 0.5 * late, rtol=1e-12)
+    assert_allclose(recording["gain.half"], 0.5 * late, rtol=1e-12)
     assert set(recording) == {
         *("plant.y0", "delay.delayed_signal", "gain.half", "minus.y0")
     }
@@ -118,7 +119,7 @@ def test_jumps_are_where_they_are(engine):
     shown = np.append(sent + 0.5, 2.0)
     exact = np.concatenate(([0], np.cumsum(np.sin(2 * sent) * np.diff(shown))))
     held = np.interp(recording.time, shown, exact)
-    np.testing.assert_allclose(recording["held"][:, 0], held, atol=1e-6)
+    assert_allclose(recording["held"][:, 0], held, atol=1e-6)
     twice = recording.time[1:][np.diff(recording.time) == 0]
     assert np.abs(shown[:-1, None] - twice).min(axis=1).max() < 1e-9
 
@@ -130,7 +131,7 @@ def test_a_recording_without_scenario_shows_itself_or_refuses(subtests):
     (ax,) = PlotRun(recording, time=(0.5, 1.0)).axes
     assert ax.get_ylabel() == "x" and ax.lines[1].get_xdata()[-1] == 1.0
     table = recording.to_dataframe()
-    np.testing.assert_array_equal(table["x", 0], recording["x"][:, 0])
+    assert_array_equal(table["x", 0], recording["x"][:, 0])
     with pytest.raises(UnknownSignal, match="signal 'y': must be"):
         PlotRun(recording, signals=["y"])
     for refused in (
@@ -199,7 +200,7 @@ def test_a_system_without_vector_outputs_runs(make, engine):
     run = simulate(make(), duration=1.0)
     assert (run.solver.engine, list(run), run.time[-1]) == (engine, [], 1.0)
     x = run.final_context.get_continuous_state_vector().CopyToVector()
-    np.testing.assert_allclose(x, np.ones(len(x)))
+    assert_allclose(x, np.ones(len(x)))
 
 
 def test_numbers_that_leave_the_finite_end_a_run():
@@ -282,7 +283,7 @@ def test_an_event_of_a_users_own_stands_twice():
     times = np.linspace(0, 1, 1001)
     exact = np.where(times < 0.25, times, 0.75 - 2 * times)
     y = recording.Interpolate("y", times)[:, 0]
-    np.testing.assert_allclose(y, exact, atol=1e-6)
+    assert_allclose(y, exact, atol=1e-6)
 
 
 @pytest.mark.parametrize("engine", ["drake", "compiled"])

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Box, Sphere
 from pydrake.math import RigidTransform
@@ -167,7 +168,7 @@ def test_a_jump_without_an_event_is_enclosed_and_named():
     recording = simulate(diagram, duration=1.0, engine="drake")
     times = np.array([0.0, 0.49999, 0.50001, 1.0])
     y = recording.Interpolate("y", times)[:, 0]
-    np.testing.assert_allclose(y, [0.0, 0.0, 2.0, 2.0], atol=1e-12)
+    assert_allclose(y, [0.0, 0.0, 2.0, 2.0], atol=1e-12)
     (note,) = [note for note in recording.notes if "not accurate" in note]
     assert note.startswith("y: jumps or bends")
 
@@ -179,7 +180,7 @@ def test_a_held_signal_jumps_at_its_samples():
     held = 0.2 * np.floor(times / 0.2 + 1e-9)
     inner = np.abs(times - 0.2 * np.round(times / 0.2)) > 1e-6
     y = recording.Interpolate("y", times[inner])[:, 0]
-    np.testing.assert_allclose(y, 2 * np.sin(6 * held[inner]), atol=1e-12)
+    assert_allclose(y, 2 * np.sin(6 * held[inner]), atol=1e-12)
 
 
 def test_a_wall_is_felt_in_a_diagram_without_continuous_states():
@@ -288,7 +289,7 @@ def test_a_delay_has_the_jump_of_a_function_in_python():
     recording = simulate(chain(Step(), TransportDelay(0.1, 1)), duration=1.0)
     times = np.array([0.59999, 0.60001, 0.7])
     late = recording.Interpolate("y", times)[:, 0]
-    np.testing.assert_allclose(late, [0.0, 1.0, 1.0], atol=1e-12)
+    assert_allclose(late, [0.0, 1.0, 1.0], atol=1e-12)
 
 
 def test_a_source_of_noise_is_no_source_of_jumps():
@@ -368,7 +369,7 @@ def test_a_held_output_is_a_staircase_evaluated_once_a_step(is_abstract, moves):
     recording = simulate(
         diagram, context=context, duration=0.95, engine="drake", signals=signals
     )
-    np.testing.assert_array_equal(recording["again"], recording["counter.y"])
+    assert_array_equal(recording["again"], recording["counter.y"])
     # Also just beside the jumps, and a first step that holds.
     times = np.r_[0.0, 0.0999, 0.1001, 0.45, 0.7999, 0.8001, 0.95]
     counts = recording.Interpolate("counter.y", times)[:, 0]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 from wired import Wired
 
@@ -36,8 +37,8 @@ def test_a_run_records_the_chosen_signals_of_any_depth(engine):
     recording = simulate(nested(), duration=1.0, engine=engine, signals=names)
     assert list(recording) == names
     rate = np.exp(-recording.time)
-    np.testing.assert_allclose(recording["inner/sum.sum"][:, 0], rate, atol=1e-6)
-    np.testing.assert_allclose(recording["shown"][:, 0], 1 - rate, atol=1e-6)
+    assert_allclose(recording["inner/sum.sum"][:, 0], rate, atol=1e-6)
+    assert_allclose(recording["shown"][:, 0], 1 - rate, atol=1e-6)
 
 
 def test_a_program_records_ports_by_names_of_the_user():
@@ -64,7 +65,7 @@ def test_a_scenario_keeps_the_chosen_signals_and_its_events():
     chosen = simulate(scenario, signals=["control_force"])
     assert list(chosen) == ["control_force"]
     assert chosen.events == whole.events
-    np.testing.assert_array_equal(chosen["control_force"], whole["control_force"])
+    assert_array_equal(chosen["control_force"], whole["control_force"])
 
 
 def test_the_names_of_systems_alone_make_no_loop():
@@ -75,7 +76,7 @@ def test_the_names_of_systems_alone_make_no_loop():
     assert "tool_velocity" not in plain
     named = NamedSignals(diagram.GetSystems())
     loop = simulate(diagram, duration=0.1, signals=named)
-    np.testing.assert_array_equal(loop["tool_velocity"], plain["robot.tool_velocity"])
+    assert_array_equal(loop["tool_velocity"], plain["robot.tool_velocity"])
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -89,11 +90,11 @@ TISSUE = {"name": "tissue", "start": -math.inf, "stiffness": 0.01, "damping": 0.
 def test_energy_is_conserved_but_for_damping(robot, v0, surface):
     _, free, _ = Energies(robot, layers=[], v0=v0, duration=1.0)
     assert free[0] > 0
-    np.testing.assert_allclose(free, free[0], rtol=1e-8)
+    assert_allclose(free, free[0], rtol=1e-8)
     bone = LayerConfig(**BONE, start=surface, reference=surface)
     _, kinetic, stored = Energies(robot, layers=[bone], v0=v0, duration=1.0)
     assert stored.max() > 0.5 * kinetic[0]
-    np.testing.assert_allclose(kinetic + stored, kinetic[0], rtol=1e-6)
+    assert_allclose(kinetic + stored, kinetic[0], rtol=1e-6)
     tissue = LayerConfig(**TISSUE)
     _, kinetic, stored = Energies(robot, layers=[tissue], v0=v0, duration=2.0)
     total = kinetic + stored

@@ -181,9 +181,9 @@ def test_missing_values_are_left_out():
 
 
 UNKNOWN = {
+    "sine": (np.sin(3 * TIME), np.sin(3 * (TIME - DELAY)), "explain the record"),
     "ramp": (2 * TIME, 2 * (TIME - DELAY) + 0.01 * Noise(), "explain the record"),
     "exact ramp": (2 * TIME, 2 * (TIME - DELAY), "explain the record"),
-    "sine": (np.sin(3 * TIME), np.sin(3 * (TIME - DELAY)), "explain the record"),
     "constant": (0 * TIME, Noise(), "the command never changes"),
     "dead": (COMMAND, 0 * TIME, "the response never changes"),
     "early": (TIME > 1.0, TIME > 1.0 + DELAY, "the response never changes after 2.99"),

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from documentation import ROOT
 from grids import Slow
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AffineSystem, MatrixGain, ZeroOrderHold
 from scipy.optimize import brentq
@@ -125,7 +126,7 @@ def assert_same(recording, cycle, by_input, u, states):
         expected = np.array(rows)[:, i]
         found = recording.Interpolate(name, times)[:, 0]
         scale = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * scale)
+        assert_allclose(found, expected, rtol=0, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("share", [0.97, 1.03])

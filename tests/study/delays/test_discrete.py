@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import DiscreteTimeDelay, PassThrough, Sine
 from wired import Wired
@@ -57,9 +58,7 @@ def test_it_compiles_and_is_the_sampled_channel(controller):
     times = np.linspace(0.005, 0.595, 60)
     expected = compiled.Interpolate("tool_velocity", times)
     for other in (sampled, in_drake):
-        np.testing.assert_allclose(
-            other.Interpolate("tool_velocity", times), expected, atol=1e-8
-        )
+        assert_allclose(other.Interpolate("tool_velocity", times), expected, atol=1e-8)
 
 
 def test_analyze_names_its_mean_delay():
@@ -94,7 +93,7 @@ def test_a_channel_is_any_system_with_one_input_and_one_output():
     expected = simulate(scenario)
     assert {*mine.signals} == {*expected.signals}
     times = np.linspace(0.005, 0.295, 30)
-    np.testing.assert_allclose(
+    assert_allclose(
         mine.Interpolate("tool_velocity", times),
         expected.Interpolate("tool_velocity", times),
         atol=1e-9,

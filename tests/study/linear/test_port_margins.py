@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import scipy.signal
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.examples import PendulumPlant
 from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder
@@ -256,9 +257,9 @@ def test_bode_is_scipys_and_follows_the_phase_of_a_delay():
     plant = diagram.GetSubsystemByName("plant")
     model = ModelAt(diagram, plant.get_input_port())
     bode = model.bode(w)
-    np.testing.assert_allclose(bode.magnitude, magnitude, rtol=1e-9, atol=1e-9)
+    assert_allclose(bode.magnitude, magnitude, rtol=1e-9, atol=1e-9)
     expected = phase - np.degrees(0.7 * w)
-    np.testing.assert_allclose(bode.phase, expected, rtol=1e-9, atol=1e-6)
+    assert_allclose(bode.phase, expected, rtol=1e-9, atol=1e-6)
     own = model.bode()
     assert own.frequencies[0] < 0.11 and own.frequencies[-1] > 9
     assert model.A.shape == (3, 3) and model.D.shape == (2, 2)
@@ -286,8 +287,8 @@ def test_bode_at_the_frequency_of_an_undamped_mode():
     bode = model.bode([0.5, 1.0, 2.0])
     assert bode.magnitude[1] == math.inf
     sizes = 20 * np.log10([1 / 0.75, 1 / 3])
-    np.testing.assert_allclose(bode.magnitude[[0, 2]], sizes)
-    np.testing.assert_allclose(np.abs(bode.phase), [0.0, 180.0, 180.0], atol=1e-6)
+    assert_allclose(bode.magnitude[[0, 2]], sizes)
+    assert_allclose(np.abs(bode.phase), [0.0, 180.0, 180.0], atol=1e-6)
 
 
 def test_python_control_finds_the_margins_of_the_same_loop():
@@ -298,14 +299,14 @@ def test_python_control_finds_the_margins_of_the_same_loop():
     converted = model.to_control(order=6)
     w = np.array([0.1, 1.0, 5.0])
     response = converted(1j * w)
-    np.testing.assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
+    assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
     gain, phase, _, _ = control.margin(converted)
     assert math.radians(phase) == pytest.approx(model.margins().phase, rel=1e-6)
     assert gain == pytest.approx(model.margins().gain[1], rel=1e-6)
     undelayed = MakeLoop(*DOUBLE, [[4.0, 2.0]])
     port = undelayed.GetSubsystemByName("plant").get_input_port()
     model = ModelAt(undelayed, port)
-    np.testing.assert_array_equal(model.to_control().A, model.A)
+    assert_array_equal(model.to_control().A, model.A)
 
 
 # python-control hides a warning of NumPy's, and then returns another kind of system.
@@ -319,17 +320,17 @@ def test_a_loop_has_the_sign_of_negative_feedback():
     w = np.array([0.2, 1.0, 2.0])
     L = 3 / (1 + 1j * w) ** 3 * np.exp(-0.1j * w)
     converted = model.to_control(order=6)
-    np.testing.assert_allclose(model.Response(w)[:, 0, 0], L, rtol=1e-9)
-    np.testing.assert_allclose(converted(1j * w), L, rtol=1e-9)
+    assert_allclose(model.Response(w)[:, 0, 0], L, rtol=1e-9)
+    assert_allclose(converted(1j * w), L, rtol=1e-9)
     bode = model.bode(w)
     degrees = np.degrees(np.unwrap(np.angle(L)))
-    np.testing.assert_allclose(bode.magnitude, 20 * np.log10(np.abs(L)), rtol=1e-9)
-    np.testing.assert_allclose(bode.phase, degrees, rtol=1e-9)
+    assert_allclose(bode.magnitude, 20 * np.log10(np.abs(L)), rtol=1e-9)
+    assert_allclose(bode.phase, degrees, rtol=1e-9)
     # A deviation that is added to the signal at the port comes back as -L/(1 + L).
     closed = LinearizePorts(diagram, diagram.CreateDefaultContext(), port)
     around = control.feedback(converted)(1j * w)
-    np.testing.assert_allclose(around, L / (1 + L), rtol=1e-9)
-    np.testing.assert_allclose(closed.Response(w)[:, 0, 0], -around, rtol=1e-9)
+    assert_allclose(around, L / (1 + L), rtol=1e-9)
+    assert_allclose(closed.Response(w)[:, 0, 0], -around, rtol=1e-9)
 
 
 def test_without_python_control_it_says_what_to_install(monkeypatch):

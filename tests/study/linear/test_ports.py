@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drake_systems import FinishArm, TheMeshcat
+from numpy.testing import assert_allclose
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
@@ -77,7 +78,7 @@ def test_closed_loop_from_the_diagrams_own_ports():
     )
     assert model.by_differences == () and model.held == ()
     expected = Plant() / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
 
 
 def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
@@ -89,7 +90,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
         diagram, context, feedback.get_input_port(), plant.get_output_port()
     )
     expected = -LOOP_GAIN / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-12)
     # Opened within the nested diagram, the response is minus the loop gain.
     gain = feedback.GetSubsystemByName("gain")
     opened = LinearizePorts(
@@ -99,7 +100,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
         plant.get_output_port(),
         is_opened=True,
     )
-    np.testing.assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-12)
+    assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "wave_variables"])
@@ -129,7 +130,7 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
         + slave.D
         for w in W
     ]
-    np.testing.assert_allclose(response, expected, rtol=1e-5, atol=1e-7)
+    assert_allclose(response, expected, rtol=1e-5, atol=1e-7)
     assert any("environment" in name for name in model.held)
 
 
@@ -209,7 +210,7 @@ def test_what_a_delay_delivers_may_be_the_output_and_may_enter_a_delay():
         diagram.get_output_port(),
     )
     expected = np.exp(-1j * W * (0.1 + T))
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
     context = diagram.CreateDefaultContext()
     diagram.get_input_port().FixValue(context, [2.5])
     with pytest.raises(ValueError, match=r"'first' with an output .* by 2\.5 "):
@@ -231,7 +232,7 @@ def test_a_deviation_added_to_what_a_delay_delivers(is_opened):
         is_opened=is_opened,
     )
     expected = Plant() if is_opened else Plant() / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
 
 
 class Cubic(LeafSystem):
@@ -272,7 +273,7 @@ def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
     )
     assert model.by_differences == ("cubic",)
     expected = (3 * 0.25**2 - 1 / (1j * W + 3 * 0.5**2)) * np.exp(-1j * W * T)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-9)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-9)
 
 
 def _MakeArm(add):
@@ -298,7 +299,7 @@ def _CheckArm(diagram, plant, by_differences):
     )
     expected = -1 / (0.004 * W**2)
     rtol = 1e-8 if by_differences else 1e-12
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=rtol)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=rtol)
     assert model.by_differences == by_differences
 
 
@@ -372,4 +373,4 @@ def test_a_constant_force_that_drake_does_not_convert_is_named(is_fixed):
         is_moving=True,
     )
     assert model.by_differences == ("plant" if is_fixed else "force",)
-    np.testing.assert_allclose(model.D, [[1 / 0.004]], rtol=1e-8)
+    assert_allclose(model.D, [[1 / 0.004]], rtol=1e-8)

@@ -7,6 +7,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.primitives import Gain, Integrator, RandomSource
@@ -64,7 +65,7 @@ def test_values_are_those_of_the_method_of_steps():
     """Also with a delay of 0, which needs another program."""
     result = SweepHere()
     expected = [[Exact(delay, k) for k in GRID["gain.k"]] for delay in DELAYS]
-    np.testing.assert_allclose(result.Values("last"), expected, rtol=1e-8, atol=1e-12)
+    assert_allclose(result.Values("last"), expected, rtol=1e-8, atol=1e-12)
     assert [row["gain.k"] for row in result.Table()[:2]] == [-1.0, -2.0]
 
 
@@ -122,7 +123,7 @@ def test_samples_of_several_numbers_have_a_run_each():
     diagram, context = MakeLoop()
     result = Sweep(diagram, samples, metrics=METRICS, duration=2.0, context=context)
     expected = [2 * Exact(0.5, -1.0), 3 * Exact(0.2, -1.0)]
-    np.testing.assert_allclose(result.Values("last"), expected, rtol=1e-8)
+    assert_allclose(result.Values("last"), expected, rtol=1e-8)
     assert result.axes == {"run": [0, 1]}
 
 

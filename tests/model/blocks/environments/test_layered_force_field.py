@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from block_checks import Feedthrough
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -90,9 +91,9 @@ def test_oblique_layers_are_turned_ones():
         across = offset - (normal @ offset) * normal
         force, layer = Force(x, v)
         expected = force * normal + (layer == 0) * 40.0 * across
-        np.testing.assert_allclose(F_e, expected, rtol=1e-12, atol=1e-14)
+        assert_allclose(F_e, expected, rtol=1e-12, atol=1e-14)
     for surface, start in zip(oblique.Surfaces()[1:], (0.0075, 0.015), strict=True):
-        np.testing.assert_allclose(surface.normal_W, normal, rtol=1e-15)
+        assert_allclose(surface.normal_W, normal, rtol=1e-15)
         assert surface.Depth(start * normal + turn @ [0, 3, 4]) == pytest.approx(0)
     # The first has no beginning, and is more than a spring and a damper.
     tissue, _, bone = oblique.Surfaces()
