@@ -215,7 +215,8 @@ def test_dot_text_is_the_same_in_every_build_and_process():
             "-c",
             "from test_block_diagram import *; print(end=DiagramDot(MakeLoop()))",
         ],
-        env=os.environ | {"PYTHONHASHSEED": seed},
+        env=os.environ
+        | {"PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join(sys.path)},
         cwd=os.path.dirname(__file__),
         capture_output=True,
         text=True,
