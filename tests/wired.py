@@ -1,5 +1,7 @@
 """Small Diagrams from tables of their systems and connections."""
 
+from itertools import pairwise
+
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.loops.framework.wiring import Wire
@@ -23,3 +25,8 @@ def Wired(systems, connections, outputs=None, inputs=None):
         connections=connections,
         outputs=outputs or {},
     )
+
+
+def InSeries(*places):
+    """Returns connections of places, each of which is fed by the one before it."""
+    return {target: source for source, target in pairwise(places)}

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 from wired import Wired
 
@@ -58,11 +58,7 @@ def test_code_is_used_again_where_it_would_be_the_same():
     first = Compiled(decay(3.0))
     assert Compiled(decay(4.0), like=first).function is first.function
     other = Integrator([1.0])
-    other.set_name("other")
-    builder = DiagramBuilder()
-    builder.AddSystem(other)
-    builder.ExportInput(other.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired({"other": other}, {}, inputs={"u": "other"})
     context = diagram.CreateDefaultContext()
     diagram.get_input_port().FixValue(context, [0.0])
     anew = Evaluator(diagram, context, as_machine_code=True, like=first)

@@ -40,7 +40,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 from pydrake.trajectories import PiecewisePolynomial
-from wired import Wired
+from wired import InSeries, Wired
 
 from teleop_drake.loops.engine.block_kernels import KernelOf
 from teleop_drake.loops.engine.check import Compare, KernelDisagrees
@@ -213,13 +213,10 @@ def spring_force(stiffness, x):
 def test_a_block_of_ones_own_is_checked():
     block = Spring(told=3.0)
     CheckKernel(block)
-    wrong = Spring(told=3.1)
-    wrong.set_name("wrong_spring")
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("wrong_spring", wrong)
-    builder.ExportInput(wrong.get_input_port(), "position")
+    wrong = {"wrong_spring": Spring(told=3.1)}
+    diagram = Wired(wrong, {}, inputs={"position": "wrong_spring"})
     with pytest.raises(KernelDisagrees, match="wrong_spring: its kernel says force"):
-        CheckKernel(builder.Build())
+        CheckKernel(diagram)
 
 
 @pytest.mark.parametrize(
@@ -233,10 +230,9 @@ def test_a_block_of_ones_own_is_checked():
     ],
 )
 def test_a_kernel_that_forgets_its_state_or_an_input_is_refused(kernel, message):
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
-    spring = builder.AddNamedSystem("spring", Spring(told=3.0))
+    spring = Spring(told=3.0)
     spring.Kernel = lambda: kernel
-    builder.Connect(source.get_output_port(), spring.get_input_port())
+    parts = {"source": ConstantVectorSource([1.0]), "spring": spring}
+    diagram = Wired(parts, InSeries(*parts))
     with pytest.raises(UnsupportedSystem, match=message):
-        CheckKernel(builder.Build())
+        CheckKernel(diagram)

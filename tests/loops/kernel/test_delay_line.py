@@ -1,7 +1,5 @@
 """Delay lines: of one's own kernel, which says T(t), and in Drake's own Simulator."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
@@ -17,7 +15,7 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 from sources import Step
-from wired import Wired
+from wired import InSeries, Wired
 
 from teleop_drake.loops import MakeSimulator, TransportDelay, simulate
 from teleop_drake.loops.framework.solver import DefaultSimulator
@@ -81,14 +79,13 @@ def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
 
 def behind(source):
     """Returns a Diagram with a source in front of a delay and a filter."""
-    builder = DiagramBuilder()
-    parts = [source, TransportDelay(0.35, 1), FirstOrderLowPassFilter(0.05, 1)]
-    for name, part in zip(("source", "delay", "filter"), parts, strict=True):
-        builder.AddNamedSystem(name, part)
-    for part, target in pairwise(parts):
-        builder.Connect(part.get_output_port(0), target.get_input_port())
-    builder.ExportOutput(parts[-1].get_output_port(), "y")
-    diagram = builder.Build()
+    parts = {
+        "source": source,
+        "delay": TransportDelay(0.35, 1),
+        "filter": FirstOrderLowPassFilter(0.05, 1),
+    }
+    sent = f"source.{source.get_output_port(0).get_name()}"
+    diagram = Wired(parts, InSeries(sent, "delay", "filter"), {"y": "filter"})
     diagram.set_name("loop")
     return diagram
 

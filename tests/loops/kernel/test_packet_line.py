@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
+from wired import InSeries, Wired
 
 from teleop_drake.loops import NetworkDelay, simulate
 from teleop_drake.loops.delays.packet_network import PacketNetwork, Receiver
@@ -26,13 +26,7 @@ def ramp_in_packets():
         "ramp": Integrator([1.0]),
         "network": NetworkDelay(network, 1, [7.0], receiver=receiver),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-    builder.Connect(parts["slope"].get_output_port(), parts["ramp"].get_input_port())
-    builder.Connect(parts["ramp"].get_output_port(), parts["network"].get_input_port())
-    builder.ExportOutput(parts["network"].get_output_port(), "shown")
-    return builder.Build()
+    return Wired(parts, InSeries(*parts), {"shown": "network"})
 
 
 def expected(times):

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     DiscreteTimeDelay,
     Gain,
@@ -16,6 +15,7 @@ from pydrake.systems.primitives import (
 )
 from scipy import signal
 from scipy.optimize import brentq
+from wired import InSeries, Wired
 
 from teleop_drake.loops import simulate
 from teleop_drake.loops.delays.network import NetworkDelay
@@ -31,11 +31,8 @@ H = 0.05
 
 def chain(**systems):
     """Returns a loop of systems, each fed by the one before it."""
-    builder = DiagramBuilder()
-    added = [builder.AddNamedSystem(name, x) for name, x in systems.items()]
-    for source, target in zip(added, [*added[1:], added[0]], strict=True):
-        builder.Connect(source.get_output_port(), target.get_input_port())
-    return builder.Build()
+    first = next(iter(systems))
+    return Wired(systems, InSeries(*systems, first))
 
 
 ABCD = signal.tf2ss([2.0], [1.0, 3.0, 2.0, 0.0])
@@ -174,13 +171,12 @@ def test_what_has_no_exact_sampled_model_is_refused_by_name():
     diagram = chain(x=Integrator(1), minus=Gain(-1.0, 1), packets=packets)
     with pytest.raises(ScenarioError, match=r"diagram = 'packets': must be without"):
         margins_at(diagram, "minus")
-    builder = DiagramBuilder()
-    robot = builder.AddNamedSystem("robot", slider())
-    minus = builder.AddNamedSystem("minus", LinearSystem(D=[[-1.0, -1.0]]))
-    builder.Connect(robot.get_state_output_port(), minus.get_input_port())
-    builder.Connect(minus.get_output_port(), robot.get_actuation_input_port())
+    diagram = Wired(
+        {"robot": slider(), "minus": LinearSystem(D=[[-1.0, -1.0]])},
+        {"minus": "robot.state", "robot.actuation": "minus"},
+    )
     with pytest.raises(ScenarioError, match=r"diagram = 'robot': must be without"):
-        margins_at(builder.Build(), "minus")
+        margins_at(diagram, "minus")
     delayed = chain(
         x=Integrator(1),
         late=TransportDelay(0.1, 1),

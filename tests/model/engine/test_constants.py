@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from pydrake.systems.controllers import PidController
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import (
     AffineSystem,
     ConstantVectorSource,
@@ -15,7 +15,7 @@ from pydrake.systems.primitives import (
     Saturation,
     Sine,
 )
-from wired import Wired
+from wired import InSeries, Wired
 
 from teleop_drake import Compile, MakePage, simulate
 from teleop_drake.blocks import LayerConfig, LayeredForceField
@@ -30,18 +30,12 @@ SHORT = {"duration": 1.5}
 
 def driven(*systems, names):
     """Returns systems one after another, the first of which has sines as inputs."""
-    builder = DiagramBuilder()
-    sines = [Sine(2.0, 1.3, 0.4, 1), Sine(1.5, 0.7, 2.0, 1)]
     width = systems[0].get_input_port(0).size()
-    last = builder.AddNamedSystem("mux", Multiplexer([1] * width))
-    for i, sine in enumerate(sines[:width]):
-        builder.AddNamedSystem(f"sine{i}", sine)
-        builder.Connect(sine.get_output_port(0), last.get_input_port(i))
-    for name, system in zip(names, systems, strict=True):
-        builder.AddNamedSystem(name, system)
-        builder.Connect(last.get_output_port(0), system.get_input_port(0))
-        last = system
-    return builder.Build()
+    sines = {"sine0": Sine(2.0, 1.3, 0.4, 1), "sine1": Sine(1.5, 0.7, 2.0, 1)}
+    parts = {"mux": Multiplexer([1] * width)} | dict(list(sines.items())[:width])
+    parts |= zip(names, systems, strict=True)
+    waves = {f"mux.u{i}": f"sine{i}.y0" for i in range(width)}
+    return Wired(parts, waves | InSeries("mux", *names))
 
 
 def alone(system):
@@ -50,16 +44,15 @@ def alone(system):
 
 def controlled(**gains):
     """Returns x'' = u under a PID controller that follows a constant."""
-    builder = DiagramBuilder()
     plant = LinearSystem([[0, 1], [0, 0]], [[0], [1]], np.eye(2), np.zeros((2, 1)))
-    builder.AddNamedSystem("plant", plant)
-    pid = builder.AddNamedSystem("x", PidController(**gains))
-    aim = builder.AddNamedSystem("aim", ConstantVectorSource([1.0, 0.0]))
-    estimated = pid.get_input_port_estimated_state()
-    builder.Connect(plant.get_output_port(), estimated)
-    builder.Connect(aim.get_output_port(), pid.get_input_port_desired_state())
-    builder.Connect(pid.get_output_port_control(), plant.get_input_port())
-    return builder.Build()
+    return Wired(
+        {
+            "plant": plant,
+            "x": PidController(**gains),
+            "aim": ConstantVectorSource([1.0, 0.0]),
+        },
+        {"x.estimated_state": "plant", "x.desired_state": "aim", "plant": "x"},
+    )
 
 
 def pid(kp=(4.0,), ki=(0.5,), kd=(3.0,)):

@@ -5,13 +5,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     FirstOrderLowPassFilter,
     RandomSource,
     ZeroOrderHold,
 )
-from wired import Wired
+from wired import InSeries, Wired
 
 from teleop_drake import Compile, SampledSensor, simulate
 from teleop_drake.loops import TransportDelay
@@ -22,21 +21,14 @@ TIMES = np.linspace(0.0005, 0.9995, 300)
 
 def noisy():
     """Two sources of different periods; the first is delayed and filtered."""
-    builder = DiagramBuilder()
-    parts = [
-        RandomSource(RandomDistribution.kGaussian, 1, 0.03),
-        TransportDelay(0.05, 1),
-        FirstOrderLowPassFilter(0.1, 1),
-    ]
-    for name, part in zip(("noise", "delay", "filter"), parts, strict=True):
-        builder.AddNamedSystem(name, part)
-    builder.Connect(parts[0].get_output_port(), parts[1].get_input_port())
-    builder.Connect(parts[1].get_output_port(), parts[2].get_input_port())
-    pair = RandomSource(RandomDistribution.kUniform, 2, 0.25)
-    builder.AddNamedSystem("pair", pair)
-    for part in (*parts, pair):
-        builder.ExportOutput(part.get_output_port(), part.get_name())
-    return builder.Build()
+    parts = {
+        "noise": RandomSource(RandomDistribution.kGaussian, 1, 0.03),
+        "delay": TransportDelay(0.05, 1),
+        "filter": FirstOrderLowPassFilter(0.1, 1),
+        "pair": RandomSource(RandomDistribution.kUniform, 2, 0.25),
+    }
+    shown = {name: name for name in parts}
+    return Wired(parts, InSeries("noise", "delay", "filter"), shown)
 
 
 def begin(diagram, seed):
@@ -100,16 +92,9 @@ def held(period, hold_period):
         "sensor": SampledSensor(hold_period, [0.0]),
         "filter": FirstOrderLowPassFilter(0.1, 1),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-        builder.ExportOutput(part.get_output_port(0), name)
-    noise = parts["noise"].get_output_port()
-    builder.Connect(noise, parts["hold"].get_input_port())
-    builder.Connect(noise, parts["sensor"].get_input_port())
-    hold = parts["hold"].get_output_port()
-    builder.Connect(hold, parts["filter"].get_input_port())
-    return builder.Build()
+    connections = {"hold": "noise", "sensor": "noise", "filter": "hold"}
+    shown = {name: name for name in parts} | {"sensor": "sensor.sample"}
+    return Wired(parts, connections, shown)
 
 
 PERIODS = [(0.1, 0.1), (0.04, 0.05), (0.05, 0.1), (0.1, 0.05)]

@@ -10,6 +10,7 @@ from block_checks import Gains, backstepping_rate
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from independent_solver import Adaptive, AdaptiveLaw
 from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.model.laws.backstepping import (
@@ -203,60 +204,36 @@ def test_networks_of_position_and_velocity(n, seed):
     assert_array_equal(x_dot, pack_state(rate))
 
 
+@pytest.mark.parametrize("n", [1, 2])
 @given(seed=seeds)
-def test_one_axis_is_chapter_4(seed):
+def test_the_law_is_that_of_the_independent_solver(n, seed):
+    """On one axis Psi is in [1, 3] and its limit 2, so that (4.53) is often active."""
     rng = np.random.default_rng(seed)
-    N = 3
-    # Psi is in [1, 3] and the limit is 2, so that the projection is often active.
-    gains = _random_gains(rng, 1, P=[[1.0]], Psi0=[[4.0]], Psi_min=2.0)
-    state = _random_state(rng, 1, N)
-    Phi = rng.uniform(0, 1, N)
-    Phi_dot = rng.normal(size=N)
-    v, v_dd, F_e, F_hd = rng.normal(size=(4, 1))
-    rate = backstepping_rate(
-        gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+    limits = {"Psi0": [[4.0]], "Psi_min": 2.0} if n == 1 else {}
+    gains = _random_gains(rng, n, beta1=0.7, beta2=0.7, nu1=0.4, nu3=0.4, **limits)
+    basis = {"lower": [-1] * n, "upper": [1] * n, "count": [3] * n, "width": 0.8}
+    network = GaussianNetwork(**basis)
+    law = AdaptiveLaw(
+        Adaptive(
+            Lambda=gains.Lambda,
+            G1=gains.G1,
+            G2=gains.G2,
+            P=gains.P,
+            adaptation_rate=0.7,
+            third_rate=gains.beta3,
+            leakage=0.4,
+            supervision=gains.Upsilon,
+            initial_psi=gains.Psi0,
+            minimum_psi=gains.Psi_min,
+            **basis,
+        ),
+        gains.Psi0,
     )
-
-    # The scalar equations of chapter 4, with the sign of w3 corrected.
-    lam, g1, g2 = (float(x[0, 0]) for x in (gains.Lambda, gains.G1, gains.G2))
-    fc = float(state.F_c[0])
-    fe = float(F_e[0])
-    fh = float(F_hd[0])
-    w1 = state.W1[0].tolist()
-    w3 = state.W3[0].tolist()
-    psi = float(state.Psi[0, 0])
-    psi0 = float(gains.Psi0[0, 0])
-    phi = Phi.tolist()
-    phi_dot = Phi_dot.tolist()
-    s = float(v[0] - v_dd[0]) + lam * (fe - fh)  # (4.2)
-    y1 = sum(p * w for p, w in zip(phi, w1, strict=True))
-    y3 = sum(p * w for p, w in zip(phi, w3, strict=True))
-    alpha = fe - (y1 + g1 * s) / psi  # (4.23)
-    z = fc - alpha  # (4.18)
-    w1_dot = [
-        gains.beta1 * (p * (s + g1 * z / psi) - gains.nu1 * w)
-        for p, w in zip(phi, w1, strict=True)
-    ]
-    # (4.21), (4.42)
-    tau2 = s * (fc - fe)
-    eta2 = z * g1 * (fc - fe) / psi
-    a = tau2 + eta2 + gains.Upsilon * (psi0 - psi)
-    psi_dot = gains.beta2 * (0.0 if psi < gains.Psi_min and a < 0.0 else a)
-    w3_dot = [
-        gains.beta3 * (-p * z - gains.nu3 * w) for p, w in zip(phi, w3, strict=True)
-    ]
-    y1_dot = sum(
-        p * w_dot + p_dot * w
-        for p, p_dot, w, w_dot in zip(phi, phi_dot, w1, w1_dot, strict=True)
-    )
-    s_dot = psi * (fc - fe) + y1
-    alpha_dot = y3 + psi_dot * (y1 + g1 * s) / psi**2 - (y1_dot + g1 * s_dot) / psi
-    fc_dot = alpha_dot - psi * s - g2 * z  # (4.32)
-
-    assert_allclose(rate.F_c, [fc_dot], rtol=1e-9, atol=1e-9)
-    assert_allclose(rate.W1, [w1_dot], rtol=1e-9, atol=1e-9)
-    assert_allclose(rate.Psi, [[psi_dot]], rtol=1e-9, atol=1e-9)
-    assert_allclose(rate.W3, [w3_dot], rtol=1e-9, atol=1e-9)
+    x = pack_state(_random_state(rng, n, network.num_functions))
+    r, v, v_dd, F_e, F_hd = rng.normal(size=(5, n))
+    rate = adaptive_rate(gains, network.as_numbers(), x, r, v, v_dd, F_e, F_hd)
+    expected = law.rates(x, r, v, F_e, F_hd, v_dd)
+    assert_allclose(rate, expected, rtol=1e-9, atol=1e-9)
 
 
 def _at_the_limit(rng, n, num_at_limit, limit):

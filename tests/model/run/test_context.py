@@ -1,7 +1,5 @@
 """Runs that begin at a given Context, or at the final Context of another run."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from grids import Slow
@@ -30,7 +28,7 @@ from pydrake.systems.primitives import (
     SymbolicVectorSystem,
     ZeroOrderHold,
 )
-from wired import Wired
+from wired import InSeries, Wired
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -59,22 +57,12 @@ def continued(diagram, first, **rest):
 
 def decay(delay: float | None = None) -> Diagram:
     """Returns x' = u - x, or x' = u - x(t - delay); the output x begins at 1."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
-    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
-    force = builder.AddNamedSystem("force", Adder(2, 1))
-    output = plant.get_output_port()
+    systems = {"plant": Integrator([1.0]), "minus": Gain(-1.0, 1), "force": Adder(2, 1)}
+    connections = {"minus": "plant", "force.u0": "minus", "plant": "force"}
     if delay is not None:
-        line = TransportDelay(delay=delay, size=1, initial_value=[1.0])
-        builder.AddNamedSystem("delay", line)
-        builder.Connect(output, line.get_input_port())
-        output = line.get_output_port()
-    builder.Connect(output, minus.get_input_port())
-    builder.Connect(minus.get_output_port(), force.get_input_port(0))
-    builder.ExportInput(force.get_input_port(1), "u")
-    builder.Connect(force.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
-    diagram = builder.Build()
+        systems["delay"] = TransportDelay(delay=delay, size=1, initial_value=[1.0])
+        connections |= InSeries("plant", "delay", "minus")
+    diagram = Wired(systems, connections, {"x": "plant"}, inputs={"u": "force.u1"})
     diagram.set_name("decay")
     return diagram
 
@@ -171,17 +159,9 @@ def loop_with_jumps():
         "back": VariableDelay(profile=profile, size=1),
         "minus": Gain(-2.0, 1),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-    names = list(parts)
-    for source, target in zip(names, [*names[1:], ""], strict=True):
-        output = parts[source].get_output_port(0)
-        into = parts[target].get_input_port(0) if target else None
-        builder.Connect(output, into or parts["sum"].get_input_port(1))
-    builder.ExportOutput(parts["plant"].get_output_port(), "x")
-    builder.ExportOutput(parts["there"].get_output_port(), "delayed")
-    return builder.Build()
+    loop = InSeries("sum", "there", "plant", "back", "minus", "sum.u1")
+    connections = {"hold": "sine.y0", "sum.u0": "hold"} | loop
+    return Wired(parts, connections, {"x": "plant", "delayed": "there"})
 
 
 @pytest.mark.mostly_slow
@@ -338,19 +318,14 @@ def test_a_log_is_filled_by_a_compiled_run(period):
 @pytest.mark.parametrize("latter", ENGINES)
 def test_ticks_that_are_rounded_to_before_the_end_happen_once(split, former, latter):
     """In floating point 15 * 0.03 < 0.45, and the delay's echo comes before 0.5."""
-    builder = DiagramBuilder()
-    parts = [
-        Sine(1.0, 3.0, 0.2, 1),
-        DiscreteTimeIntegrator(1, 0.03),
-        TransportDelay(0.05, 1),
-        FirstOrderLowPassFilter(0.1, 1),
-    ]
-    for name, part in zip("udly", parts, strict=True):
-        builder.AddNamedSystem(name, part)
-        builder.ExportOutput(part.get_output_port(0), name)
-    for source, target in pairwise(parts):
-        builder.Connect(source.get_output_port(0), target.get_input_port())
-    diagram = builder.Build()
+    parts = {
+        "u": Sine(1.0, 3.0, 0.2, 1),
+        "d": DiscreteTimeIntegrator(1, 0.03),
+        "l": TransportDelay(0.05, 1),
+        "y": FirstOrderLowPassFilter(0.1, 1),
+    }
+    shown = {"u": "u.y0", "d": "d", "l": "l", "y": "y"}
+    diagram = Wired(parts, InSeries("u.y0", "d", "l", "y"), shown)
     whole = simulate(diagram, duration=1.0)
     first = simulate(diagram, duration=split, engine=former)
     rest = {"duration": 1.0 - split, "engine": latter}
@@ -372,17 +347,9 @@ def loop_with_packets(packets):
         "plant": Integrator([1.0]),
         "minus": Gain(-1.0, 1),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-    names = list(parts)
-    for source, target in pairwise(names):
-        into = parts[target].get_input_port(0)
-        builder.Connect(parts[source].get_output_port(0), into)
-    builder.Connect(parts["minus"].get_output_port(), parts["sum"].get_input_port(1))
-    builder.ExportOutput(parts["plant"].get_output_port(), "x")
-    builder.ExportOutput(packets.get_output_port(), "shown")
-    return builder.Build()
+    loop = InSeries("sum", "there", "plant", "minus", "sum.u1")
+    connections = {"delay": "sine.y0", "sum.u0": "delay"} | loop
+    return Wired(parts, connections, {"x": "plant", "shown": "there"})
 
 
 def lossy(receiver):

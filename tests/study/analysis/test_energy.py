@@ -10,8 +10,8 @@ from pydrake.systems.analysis import (
     Simulator,
     SimulatorConfig,
 )
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from wired import Wired
 
 from teleop_drake.model.blocks.environments.layered_force_field import LayeredForceField
 from teleop_drake.model.blocks.robots import MakeRobot
@@ -25,21 +25,22 @@ ROBOTS = {
 
 def Energies(robot_name, *, layers, v0, duration):
     """Simulates a free robot in a force field; returns (times, kinetic, stored)."""
-    builder = DiagramBuilder()
-    robot = builder.AddNamedSystem("robot", MakeRobot(**ROBOTS[robot_name]))
+    robot = MakeRobot(**ROBOTS[robot_name])
     n = robot.GetInputPort("control_force").size()
-    nothing = builder.AddNamedSystem("nothing", ConstantVectorSource(np.zeros(n)))
-    field = builder.AddNamedSystem(
-        "environment", LayeredForceField(layers=layers, num_axes=n)
+    field = LayeredForceField(layers=layers, num_axes=n)
+    diagram = Wired(
+        {
+            "robot": robot,
+            "nothing": ConstantVectorSource(np.zeros(n)),
+            "environment": field,
+        },
+        {
+            "robot.control_force": "nothing",
+            "environment.tool_position": "robot.tool_position",
+            "environment.tool_velocity": "robot.tool_velocity",
+            "robot.environment_force": "environment.environment_force",
+        },
     )
-    builder.Connect(nothing.get_output_port(), robot.GetInputPort("control_force"))
-    for name in ("tool_position", "tool_velocity"):
-        builder.Connect(robot.GetOutputPort(name), field.GetInputPort(name))
-    builder.Connect(
-        field.GetOutputPort("environment_force"),
-        robot.GetInputPort("environment_force"),
-    )
-    diagram = builder.Build()
     simulator = Simulator(diagram)
     ApplySimulatorConfig(
         SimulatorConfig(

@@ -8,7 +8,8 @@ import appendix_a
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, LeafSystem
+from wired import Wired
 
 from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -316,20 +317,13 @@ def test_a_block_that_converts_at_one_point_only():
 
 def LawWith(late):
     """Returns a law of direct force whose haptic force passes through a system."""
-    builder = DiagramBuilder()
-    law = builder.AddNamedSystem("law", DirectForce(num_axes=1))
-    late = builder.AddNamedSystem("late", late)
-    builder.ExportInput(late.get_input_port(), "haptic_force")
-    builder.Connect(late.get_output_port(), law.GetInputPort("haptic_force"))
-    for name in (
-        "velocity_command",
-        "tool_position",
-        "tool_velocity",
-        "environment_force",
-    ):
-        builder.ExportInput(law.GetInputPort(name), name)
-    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
-    return builder.Build()
+    others = ("velocity_command", "tool_position", "tool_velocity", "environment_force")
+    return Wired(
+        {"law": DirectForce(num_axes=1), "late": late},
+        {"law.haptic_force": "late"},
+        {"control_force": "law.control_force"},
+        inputs={"haptic_force": "late"} | {name: f"law.{name}" for name in others},
+    )
 
 
 def test_delay_of_its_own_is_one_more_cut():

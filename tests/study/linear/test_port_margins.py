@@ -9,7 +9,6 @@ import scipy.signal
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.examples import PendulumPlant
 from pydrake.symbolic import Variable
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     Adder,
     AffineSystem,
@@ -18,7 +17,7 @@ from pydrake.systems.primitives import (
     LinearSystem,
     SymbolicVectorSystem,
 )
-from wired import Wired
+from wired import InSeries, Wired
 
 from teleop_drake import AnalyzeStability, LoadScenario, MakeTeleoperator, simulate
 from teleop_drake.loops import DelayMargin, LinearizePorts, TransportDelay
@@ -32,30 +31,23 @@ def MakeLoop(A, B, C, K, *, inner=0.0, side=None):
     Args:
         side: Gain and delay of a second feedback of y.
     """
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", LinearSystem(A, B, C))
-    total = builder.AddNamedSystem("total", Adder(2, 1))
-    AddFeedback(builder, plant, total.get_input_port(0), K, inner, ("delay", "law"))
-    no_gain = np.zeros((1, len(C)))
-    gain, time = side or (no_gain, 0.0)
-    names = ("side_delay", "side_law")
-    AddFeedback(builder, plant, total.get_input_port(1), gain, time, names)
-    builder.Connect(total.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "y")
-    diagram = builder.Build()
+    n = len(C)
+    gain, time = side or (np.zeros((1, n)), 0.0)
+    diagram = Wired(
+        {
+            "plant": LinearSystem(A, B, C),
+            "total": Adder(2, 1),
+            "delay": TransportDelay(inner, n),
+            "law": LinearSystem(D=-np.atleast_2d(K)),
+            "side_delay": TransportDelay(time, n),
+            "side_law": LinearSystem(D=-np.atleast_2d(gain)),
+        },
+        InSeries("total", "plant", "delay", "law", "total.u0")
+        | InSeries("plant", "side_delay", "side_law", "total.u1"),
+        {"y": "plant"},
+    )
     diagram.set_name("loop")
     return diagram
-
-
-def AddFeedback(builder, plant, port, K, delay, names):
-    """Connects -K y(t - delay) to a port."""
-    output = plant.get_output_port()
-    channel = builder.AddNamedSystem(names[0], TransportDelay(delay, output.size()))
-    law = LinearSystem(D=-np.atleast_2d(K))
-    law = builder.AddNamedSystem(names[1], law)
-    builder.Connect(output, channel.get_input_port())
-    builder.Connect(channel.get_output_port(), law.get_input_port())
-    builder.Connect(law.get_output_port(), port)
 
 
 INTEGRATOR = ([[0.0]], [[1.0]], [[1.0]])
@@ -108,17 +100,12 @@ def test_state_feedback_of_a_double_integrator():
 
 def MakePendulum():
     """Returns a pendulum with the law u = -(k1 (x1 - pi) + k2 x2), 0.05 s late."""
-    plant = PendulumPlant()
-    law = AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi])
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("plant", plant)
-    builder.AddNamedSystem("delay", TransportDelay(0.05, 2))
-    builder.AddNamedSystem("law", law)
-    delay = builder.GetSubsystemByName("delay")
-    builder.Connect(plant.get_output_port(), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), law.get_input_port())
-    builder.Connect(law.get_output_port(), plant.get_input_port())
-    return builder.Build()
+    parts = {
+        "plant": PendulumPlant(),
+        "delay": TransportDelay(0.05, 2),
+        "law": AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi]),
+    }
+    return Wired(parts, InSeries("plant", "delay", "law", "plant"))
 
 
 def PendulumAt(diagram, angle):
@@ -357,10 +344,8 @@ def test_what_is_no_loop_has_no_margins():
     )
     with pytest.raises(ValueError, match=r"must be a loop"):
         through.margins()
-    builder = DiagramBuilder()
-    alone = builder.AddNamedSystem("alone", Integrator(1))
-    builder.ExportInput(alone.get_input_port())
-    diagram = builder.Build()
+    alone = Integrator(1)
+    diagram = Wired({"alone": alone}, {}, inputs={"u": "alone"})
     context = diagram.CreateDefaultContext()
     with pytest.raises(ValueError, match="input is not connected"):
         DelayMargin(diagram, context, alone.get_input_port())

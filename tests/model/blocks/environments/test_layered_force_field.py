@@ -12,7 +12,6 @@ from pydrake.systems.analysis import (
     Simulator,
     SimulatorConfig,
 )
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Gain,
@@ -191,13 +190,17 @@ def test_tool_may_come_back():
     ] == pytest.approx(-1.0, abs=1e-3)
 
 
+def MovedBy(source, field):
+    """Returns a Diagram of a field whose tool has one number as place and velocity."""
+    return Wired(
+        {"field": field, "source": source},
+        {"field.tool_position": "source", "field.tool_velocity": "source"},
+    )
+
+
 def test_initial_layer_follows_the_initial_position():
-    builder = DiagramBuilder()
-    dut = builder.AddSystem(LayeredForceField(layers=Layers(), num_axes=1))
-    source = builder.AddSystem(ConstantVectorSource([0.01]))
-    for name in ("tool_position", "tool_velocity"):
-        builder.Connect(source.get_output_port(), dut.GetInputPort(name))
-    simulator = Simulator(builder.Build())
+    dut = LayeredForceField(layers=Layers(), num_axes=1)
+    simulator = Simulator(MovedBy(ConstantVectorSource([0.01]), dut))
     simulator.get_mutable_context().SetAccuracy(1e-6)
     simulator.Initialize()
     context = dut.GetMyContextFromRoot(simulator.get_context())
@@ -216,12 +219,9 @@ def test_a_position_that_jumps(before, after, layer):
         LayerConfig(name="gel", start=1.0, stiffness=1.0, reference=0.0),
         LayerConfig(name="bone", start=2.0, stiffness=9.0, reference=0.0),
     ]
-    builder = DiagramBuilder()
-    dut = builder.AddSystem(LayeredForceField(layers=layers, num_axes=1))
-    step = builder.AddSystem(Step(time=0.1, before=[before], after=[after]))
-    for name in ("tool_position", "tool_velocity"):
-        builder.Connect(step.get_output_port(), dut.GetInputPort(name))
-    simulator = Simulator(builder.Build())
+    dut = LayeredForceField(layers=layers, num_axes=1)
+    step = Step(time=0.1, before=[before], after=[after])
+    simulator = Simulator(MovedBy(step, dut))
     simulator.get_mutable_context().SetAccuracy(1e-6)
     simulator.AdvanceTo(0.2)
     context = dut.GetMyContextFromRoot(simulator.get_context())
