@@ -1,10 +1,10 @@
 """Diagrams in which one connection can be made late, for runs beside its margin."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, System
+from wired import Wired
 
 from teleop_drake.loops import TransportDelay, simulate
 
@@ -14,62 +14,33 @@ _CLEAR = 1.5
 _MOST_DOUBLINGS = 12
 
 
-@dataclass
-class Wiring:
-    """Builds a Diagram, with TransportDelays in some of its connections.
+def Late(late, systems, connections, outputs=None, inputs=None, path=""):
+    """Returns a Diagram as Wired() does, with TransportDelays in some connections.
 
-    Attributes:
+    Args:
         late: The delay in s and the value before it, keyed as DelayMargins() is.
         path: The path of the Diagram that is built, with a slash at its end.
     """
+    systems = dict(systems)
+    wires = {}
 
-    late: dict
-    path: str = ""
-    builder: DiagramBuilder = field(default_factory=DiagramBuilder)
+    def Behind(target):
+        """Returns what is connected instead of an input, which may be a delay."""
+        name, _, port_name = target.partition(".")
+        system = systems[name]
+        port = system.GetInputPort(port_name) if port_name else system.get_input_port()
+        wire = f"{path}{name}.{port.get_name()}"
+        if wire not in late:
+            return target
+        time, value = late[wire]
+        systems["late"] = TransportDelay(time, port.size(), initial_value=value)
+        wires[target] = "late"
+        return "late"
 
-    def Add(self, name, system):
-        return self.builder.AddNamedSystem(name, system)
-
-    def Inner(self, name):
-        """Returns the wiring of a Diagram inside of this one."""
-        return Wiring(self.late, f"{self.path}{name}/")
-
-    def Connect(self, source, target):
-        """Connects two ports, or two systems at their only ports."""
-        output = source.get_output_port() if isinstance(source, System) else source
-        port = target.get_input_port() if isinstance(target, System) else target
-        late = self._Late(port)
-        if late is not None:
-            self.builder.Connect(late.get_output_port(), port)
-            port = late.get_input_port()
-        self.builder.Connect(output, port)
-
-    def Export(self, name, *ports):
-        """Exports input ports as one input."""
-        for i, port in enumerate(ports):
-            late = self._Late(port)
-            target = port
-            if late is not None:
-                self.builder.Connect(late.get_output_port(), port)
-                target = late.get_input_port()
-            if i == 0:
-                self.builder.ExportInput(target, name)
-            else:
-                self.builder.ConnectInput(name, target)
-
-    def Build(self, name="diagram"):
-        diagram = self.builder.Build()
-        diagram.set_name(name)
-        return diagram
-
-    def _Late(self, port):
-        """Returns the delay before an input port; None if its signal is not late."""
-        wire = f"{self.path}{port.get_system().get_name()}.{port.get_name()}"
-        if wire not in self.late:
-            return None
-        time, value = self.late[wire]
-        late = TransportDelay(time, port.size(), initial_value=value)
-        return self.Add("late", late)
+    for target, source in connections.items():
+        wires[Behind(target)] = source
+    fed = {name: " ".join(map(Behind, x.split())) for name, x in (inputs or {}).items()}
+    return Wired(systems, wires, outputs, fed)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
+from pydrake.systems.framework import DiscreteStateIndex, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
+from wired import InSeries, Wired
 
 
 class Step(LeafSystem):
@@ -24,13 +25,13 @@ class Ramp:
     """A delay fed by the signal start + [1, 2] t."""
 
     def __init__(self, dut, start=(0.0, 0.0)):
-        builder = DiagramBuilder()
-        slope = builder.AddNamedSystem("slope", ConstantVectorSource([1.0, 2.0]))
-        ramp = builder.AddNamedSystem("ramp", Integrator(list(start)))
-        self.dut = builder.AddNamedSystem("dut", dut)
-        for source, target in ((slope, ramp), (ramp, dut)):
-            builder.Connect(source.get_output_port(), target.get_input_port())
-        self.simulator = Simulator(builder.Build())
+        self.dut = dut
+        parts = {
+            "slope": ConstantVectorSource([1.0, 2.0]),
+            "ramp": Integrator(list(start)),
+            "dut": dut,
+        }
+        self.simulator = Simulator(Wired(parts, InSeries(*parts)))
         self.context = dut.GetMyContextFromRoot(self.simulator.get_context())
 
     def Eval(self):

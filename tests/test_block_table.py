@@ -24,6 +24,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.trajectories import PiecewisePolynomial
 from slopes import YES, Ports, Slopes
 from wasm_scenarios import AssertSame
+from wired import Wired
 
 import teleop_drake
 from teleop_drake import (
@@ -133,10 +134,13 @@ def Primitives() -> Diagram:
 
 def Poses() -> Diagram:
     """Returns a diagram with a delay of poses."""
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("delay", AbstractDelay(0.1, 0.02, RigidTransform()))
-    builder.AddNamedSystem("number", drake.ConstantVectorSource([1.0]))
-    return builder.Build()
+    return Wired(
+        {
+            "delay": AbstractDelay(0.1, 0.02, RigidTransform()),
+            "number": drake.ConstantVectorSource([1.0]),
+        },
+        {},
+    )
 
 
 def Scenes() -> Iterator[tuple[str, Diagram, Callable[[], object]]]:

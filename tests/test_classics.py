@@ -17,6 +17,7 @@ from classics import (
 from classics.__main__ import STUDIES, PictureOf, Render
 from documentation import ROOT, CheckPicture
 from grids import Slow
+from numpy.testing import assert_allclose
 from scattering import delay_two_port, scattering_norm
 from scipy.optimize import brentq, fsolve
 from scipy.signal import cont2discrete
@@ -93,7 +94,7 @@ def test_a_sampled_loop_is_the_exact_map_of_its_samples():
         last = x[0]
         x = A @ x + G * force
     found = recording.Interpolate("position", T * np.arange(200))[:, 0]
-    np.testing.assert_allclose(found, expected, atol=1e-7)
+    assert_allclose(found, expected, atol=1e-7)
 
 
 # Raw lines and waves.
@@ -103,7 +104,7 @@ def test_the_norm_of_a_raw_line():
     T = wave_line.ROUND_TRIP / 2
     raw = delay_two_port(W, forward_delay=T, return_delay=T)
     expected = np.abs(np.tan(W * T)) + np.abs(1 / np.cos(W * T))
-    np.testing.assert_allclose(scattering_norm(raw), expected, rtol=1e-9)
+    assert_allclose(scattering_norm(raw), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("damper", wave_line.DAMPERS)
@@ -182,9 +183,9 @@ def test_the_felt_impedance(name):
     if name == "position-force":
         C_m = C4 = 0 * s
     felt, Z_e = four_channels.Felt(name, W)
-    np.testing.assert_allclose(Z_e, 150 / s)
+    assert_allclose(Z_e, 150 / s)
     expected = OnPaper(name, Z, Z, C_m, C, C1, C4, Z_e)
-    np.testing.assert_allclose(felt, expected, rtol=1e-6)
+    assert_allclose(felt, expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", four_channels.TRANSPARENT)
@@ -265,8 +266,8 @@ def test_passivity_control_by_hand(largest_damping):
     times = passive_wall.PERIOD * np.arange(len(expected))
     position = recording.Interpolate("position", times)[:, 0]
     energy = recording.Interpolate("energy", times + passive_wall.PERIOD / 2)[:, 0]
-    np.testing.assert_allclose(position, expected[:, 0], atol=1e-6)
-    np.testing.assert_allclose(energy, expected[:, 1], atol=1e-6)
+    assert_allclose(position, expected[:, 0], atol=1e-6)
+    assert_allclose(energy, expected[:, 1], atol=1e-6)
 
 
 def test_what_a_held_force_gives_in_the_first_contact():
@@ -305,7 +306,7 @@ def test_the_observed_energy_on_the_page():
 def test_the_bound_of_proportional_damping(margin):
     found = proportional_damping.Llewellyn(margin, W)
     on_paper = proportional_damping.LlewellynOnPaper(margin, W)
-    np.testing.assert_allclose(found, on_paper, rtol=1e-6)
+    assert_allclose(found, on_paper, rtol=1e-6)
     # mu (w T)^2/2 + cos w T is least where mu w T = sin w T.
     B = proportional_damping.BRAKE
     c = proportional_damping.FRICTION

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from wasm_runs import RunModule
 
@@ -146,7 +147,7 @@ def test_a_discrete_delay_is_its_mean_delay_and_not_its_samples(run):
     _, lines = run(DIRECTORY / "two_dof_discrete_delay.py")
     numbers = [re.findall(r"(\d+\.\d+) mm/s", line) for line in lines[1:]]
     discrete, exact, mean = np.array(numbers, dtype=float)
-    np.testing.assert_allclose(discrete, mean, rtol=0.03)
+    assert_allclose(discrete, mean, rtol=0.03)
     assert (np.abs(discrete - exact) > 0.2 * exact).all()
 
 
@@ -176,8 +177,8 @@ def test_the_loop_by_hand_is_one_run_wherever_it_runs():
         plain = part.GetOutputPort(port).Eval(context)
         begin, width, _ = model.Ports()[f"{system}:{port}"]
         page = rows[-1, begin : begin + width]
-        np.testing.assert_allclose(plain, expected, rtol=0, atol=1e-6 * size)
-        np.testing.assert_allclose(page, expected, rtol=0, atol=1e-9 * size)
+        assert_allclose(plain, expected, rtol=0, atol=1e-6 * size)
+        assert_allclose(page, expected, rtol=0, atol=1e-9 * size)
 
 
 def test_the_own_diagram_overshoots_by_what_the_method_of_steps_says(run):
@@ -304,7 +305,7 @@ def test_a_diagram_by_hand_is_simulated_and_becomes_a_page(
     other = simulate(make(*arguments), duration=0.2, engine="drake")
     assert set(recording) == set(other)
     for name in recording:
-        np.testing.assert_allclose(
+        assert_allclose(
             recording[name][-1], other[name][-1], rtol=1e-4, atol=1e-6, err_msg=name
         )
     WritePage(make(*arguments), tmp_path / "page.html")

@@ -17,6 +17,7 @@ from drake_systems import (
     FindSystems,
     MakeBeside,
 )
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder, System
 
 from teleop_drake import LinearizePorts, WritePage
@@ -123,7 +124,7 @@ def test_a_page_with_the_default_visualization_runs_in_a_browser(look, tmp_path)
     time = np.array(found["time"])
     x = np.array(found["signals"]["x"])[:, 0]
     expected = 1.0 - np.maximum(time - DELAY, 0.0)
-    np.testing.assert_allclose(x, expected, atol=1e-12)
+    assert_allclose(x, expected, atol=1e-12)
     boxes = look(tmp_path / "page.html", "ports.js")["boxes"]
     assert {"SharedPointerSystem", "inertia_visualizer"} < {*boxes}
 
@@ -152,6 +153,6 @@ def test_linear_models_leave_every_system_out(name):
     frequencies = np.array([0.5, 3.0])
     expected = np.exp(-1j * DELAY * frequencies) / (1j * frequencies)
     response = model.Response(frequencies)[:, 0, 0]
-    np.testing.assert_allclose(response, expected, rtol=1e-13)
+    assert_allclose(response, expected, rtol=1e-13)
     assert model.by_differences == ()
     assert model.held == ()

@@ -1,6 +1,7 @@
 """Runs that must be the same, or related, because their physics is."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LayerConfig, LoadScenario
@@ -23,7 +24,7 @@ def signals(scenario, *names, times=TIMES):
 def assert_equal(ours, theirs, tolerance=1e-6):
     """Compares signals to a share of their ranges."""
     for a, b in zip(ours, theirs, strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * np.abs(b).max())
+        assert_allclose(a, b, rtol=0, atol=tolerance * np.abs(b).max())
 
 
 MOTION = ("tool_position", "tool_velocity", "control_force")

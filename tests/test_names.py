@@ -7,8 +7,8 @@ import pkgutil
 import pydoc
 import re
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.framework import LeafSystem, System
 from test_block_table import FOLDERS, SCENES
 
@@ -65,7 +65,7 @@ def test_an_unknown_block_is_an_attribute_error():
 def test_the_leading_arguments_have_places_as_in_drake():
     delay = blocks.TransportDelay(0.1, 2, [1.0, 2.0])
     context = delay.CreateDefaultContext()
-    np.testing.assert_array_equal(delay.get_output_port().Eval(context), [1.0, 2.0])
+    assert_array_equal(delay.get_output_port().Eval(context), [1.0, 2.0])
     assert delay.delay == 0.1
     layer = blocks.LayerConfig(name="free", start=0.0)
     assert blocks.LayeredForceField([layer], 2).get_input_port(0).size() == 2

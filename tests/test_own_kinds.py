@@ -9,6 +9,7 @@ import own_kinds
 import pytest
 import yaml
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.cli import main
 from teleop_drake.model.blocks.operators import ConstantVelocityOperator
@@ -128,9 +129,7 @@ def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
     slider = "robot={model: slider, start: [0], mass: 0.8, damping: 0}"
     scenario = LoadScenario("one_dof", [slider, *direct[3::2]])
     expected = simulate(scenario, engine="drake")
-    np.testing.assert_allclose(
-        recording["tool_position"], expected["tool_position"], atol=1e-9
-    )
+    assert_allclose(recording["tool_position"], expected["tool_position"], atol=1e-9)
     Run(
         capsys,
         *("sweep", "one_dof", *direct, "--delay", "0.05,0.1"),
@@ -162,7 +161,7 @@ def test_systems_in_the_operators_hand():
     )
     mine = simulate(scenario, teleoperator=own)
     expected = simulate(scenario)
-    np.testing.assert_array_equal(mine["tool_velocity"], expected["tool_velocity"])
+    assert_array_equal(mine["tool_velocity"], expected["tool_velocity"])
     assert mine.has_constant_command
     # One that does not tell what it commands is measured by what arrives.
     fading = own_kinds.Fading(np.array(scenario.surgeon.velocity))
@@ -180,9 +179,7 @@ def test_systems_in_place_of_the_channels():
         return_channel=channel.MakeChannel(size=2, initial_value=[0, 0]),
     )
     expected = simulate(scenario)["tool_velocity"]
-    np.testing.assert_array_equal(
-        simulate(scenario, teleoperator=own)["tool_velocity"], expected
-    )
+    assert_array_equal(simulate(scenario, teleoperator=own)["tool_velocity"], expected)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
@@ -121,7 +122,7 @@ def test_a_linear_problem_has_its_closed_form(name, engine):
     a, terms, history, duration = LINEAR[name]
     run = Linear(a, terms, history, duration, engine, 1e-9, 0.05)
     exact = Exact(a, terms, history, run.time)
-    np.testing.assert_allclose(run["x"][:, 0], exact, rtol=0, atol=ENGINES[engine])
+    assert_allclose(run["x"][:, 0], exact, rtol=0, atol=ENGINES[engine])
     # The jumps of the delayed signal and what becomes of them end steps.
     echoes = (1, 2, 3) if engine == "compiled" else (1,)
     if history == 0:
@@ -240,6 +241,6 @@ def test_a_delay_that_grows_as_time_does(engine):
     scale = np.where(t < first, 2.0, np.where(t < second, -6.0, 66.0))
     level = np.where((t < first) | (t >= second), -1.0, 1.0)
     exact = scale * np.exp(-t) + level
-    np.testing.assert_allclose(run["x"][:, 0], exact, rtol=0, atol=1e-5)
+    assert_allclose(run["x"][:, 0], exact, rtol=0, atol=1e-5)
     turns = t[1:][np.diff(t) == 0]
     assert np.abs(turns[:, np.newaxis] - [first, second]).min(axis=0).max() < 1e-5

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from runs import Run
 
 from teleop_drake.loops.run.recording import Event, Recording, UnknownSignal
@@ -108,8 +109,8 @@ def test_signals_are_completed_and_a_wrong_one_is_named():
 def test_dataframe_has_every_sample():
     recording = ShortRun()
     table = recording.to_dataframe()
-    np.testing.assert_array_equal(table.index, recording.time)
+    assert_array_equal(table.index, recording.time)
     for name in recording:
-        np.testing.assert_array_equal(table[name], recording[name])
+        assert_array_equal(table[name], recording[name])
     assert table["psi", 3].iloc[-1] == recording["psi"][-1, 3]
     assert list(table["forward_packet_sent"]) == ["F_h x", "F_h y", "v_d x", "v_d y"]

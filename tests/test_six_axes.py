@@ -17,6 +17,7 @@ from documentation import ROOT
 from energies import ChannelEnergy
 from grids import Slow
 from needle_error import path_error
+from numpy.testing import assert_allclose
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -352,9 +353,9 @@ def test_the_model_of_a_predictor_has_the_momentum_of_its_forces():
     F_h, v, felt = (smith.Interpolate(name, t) for name in names)
     momentum = np.trapezoid(F_h[:, :6], t, axis=0)
     mobility = Arm(smith.scenario.robot.posture).mobility(smith.scenario)
-    np.testing.assert_allclose(v[-1], mobility @ momentum, rtol=1e-4)
+    assert_allclose(v[-1], mobility @ momentum, rtol=1e-4)
     back = smith.Interpolate("return_packet_received", t)[:, 6:]
-    np.testing.assert_allclose(felt[2000], (back + v)[2000] - v[1000], rtol=1e-4)
+    assert_allclose(felt[2000], (back + v)[2000] - v[1000], rtol=1e-4)
 
 
 def test_the_delay_margin_of_a_loop_whose_inertia_has_axes():
@@ -383,18 +384,18 @@ def test_rotation_vectors():
         turn = turn_by(theta)
         v = rng.normal(size=6)
         found = rotation_vector(turn.as_matrix())
-        np.testing.assert_allclose(found, theta, rtol=1e-12, atol=1e-15)
-        np.testing.assert_allclose(rotated(theta, u), turn.apply(u), atol=1e-14)
+        assert_allclose(found, theta, rtol=1e-12, atol=1e-15)
+        assert_allclose(rotated(theta, u), turn.apply(u), atol=1e-14)
         ends = [(turn_by(s * v[3:]) * turn).as_rotvec() for s in (h, -h)]
         expected = np.append(v[:3], (ends[0] - ends[1]) / (2 * h))
         rate = position_rate(r := np.append(np.zeros(3), theta), v)
-        np.testing.assert_allclose(rate, expected, atol=3e-9)
+        assert_allclose(rate, expected, atol=3e-9)
         if angle == 0.0:  # Its slope is known there, too.
             slope = ExtractGradient(position_rate(InitializeAutoDiff(r).ravel(), v))
-            np.testing.assert_allclose(slope[3:, 3:], -np.cross(np.eye(3), v[3:]).T / 2)
+            assert_allclose(slope[3:, 3:], -np.cross(np.eye(3), v[3:]).T / 2)
         relative = (turn * turn_by(u).inv()).as_rotvec()
         found = displacement(r, np.append(v[:3], u))
-        np.testing.assert_allclose(found, [*-v[:3], *relative], atol=1e-12)
+        assert_allclose(found, [*-v[:3], *relative], atol=1e-12)
 
 
 def test_the_tissue_has_an_energy():
@@ -408,7 +409,7 @@ def test_the_tissue_has_an_energy():
         v = rng.normal(size=6)
         r[:3] += [depth, *rng.normal(scale=0.01, size=2)]
         expected = tissue.wrench(r[:3], turn_by(r[3:]), v, h=1e-4)
-        np.testing.assert_allclose(ForceAt(dut, r, v), expected, rtol=1e-5, atol=1e-6)
+        assert_allclose(ForceAt(dut, r, v), expected, rtol=1e-5, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -521,7 +522,7 @@ def test_the_linear_model_knows_that_a_rotation_vector_is_no_integral():
     steps = [(h * e, -h * e) for e in np.eye(12)]
     ends = [[position_rate(*np.split(x + dx, 2)) for dx in pair] for pair in steps]
     expected = -np.diff(ends, axis=1)[:, 0].T / (2 * h)
-    np.testing.assert_allclose(A[:6, :12], expected, atol=1e-8)
+    assert_allclose(A[:6, :12], expected, atol=1e-8)
     assert np.abs(A[3:6, 3:6]).max() > 0.05
 
 

@@ -2,9 +2,9 @@
 
 from itertools import product
 
-import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.primitives import MatrixGain
 
 from teleop_drake.loops.draw.block_diagram import DiagramDot
@@ -114,7 +114,7 @@ def test_defaults_derive_from_the_robot_in_the_diagram(kind):
         scenarios[0], teleoperator=MakeTeleoperator(scenarios[0], robot=heavy)
     )
     expected = simulate(scenarios[1])
-    np.testing.assert_allclose(own["control_force"], expected["control_force"])
+    assert_allclose(own["control_force"], expected["control_force"])
 
 
 def test_control_law_without_the_ports_is_refused():
@@ -167,5 +167,5 @@ def test_a_diagram_is_run_and_analysed_in_any_order():
     before = Analyze()
     first, again = (simulate(scenario, teleoperator=teleoperator) for _ in range(2))
     assert Analyze() == before
-    np.testing.assert_array_equal(first["tool_position"], again["tool_position"])
+    assert_array_equal(first["tool_position"], again["tool_position"])
     CheckKernel(teleoperator, num_states=1)  # Compiled runs use these kernels.

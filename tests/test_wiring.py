@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Adder, Gain
 
@@ -29,7 +30,7 @@ def test_a_table_is_wired():
     assert OutputNames(diagram) == ["out", "b"]
     assert [x.get_name() for x in diagram.GetSystems()] == ["double", "sum", "own_name"]
     outputs = [diagram.GetOutputPort(x).Eval(context) for x in ("out", "b")]
-    np.testing.assert_array_equal(np.ravel(outputs), [2.0, 1.5])
+    assert_array_equal(np.ravel(outputs), [2.0, 1.5])
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import math
 import re
 
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
+from wired import Wired
 
 import teleop_drake
 from teleop_drake import DelayMargin, blocks
@@ -52,12 +52,9 @@ def test_each_public_function_names_what_it_takes(name):
 
 
 def MakeLoop():
-    builder = DiagramBuilder()
-    x = builder.AddNamedSystem("x", Integrator(1))
-    gain = builder.AddNamedSystem("gain", Gain(-2.0, 1))
-    builder.Connect(x.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), x.get_input_port())
-    return builder.Build()
+    return Wired(
+        {"x": Integrator(1), "gain": Gain(-2.0, 1)}, {"gain": "x", "x": "gain"}
+    )
 
 
 DIAGRAM = MakeLoop()

@@ -13,7 +13,6 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import (
     BasicVector,
-    DiagramBuilder,
     LeafSystem,
     System,
     UnrestrictedUpdateEvent,
@@ -24,9 +23,10 @@ from pydrake.systems.primitives import (
     DiscreteTimeDelay,
     Gain,
     LinearSystem,
-    LogVectorOutput,
+    VectorLogSink,
 )
 from surfaces import Border
+from wired import Wired
 
 import teleop_drake
 from teleop_drake.model.scenario import Scenario
@@ -334,88 +334,89 @@ class Environment(Block):
         return force
 
 
-def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], System]):
-    """Returns the Diagram and its loggers by signal."""
-    n = scenario.num_axes
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(time_step=0.0))
-    Parser(plant).AddModels(str(MODELS / f"{scenario.robot.kind}.sdf"))
+def MakePlant(robot) -> MultibodyPlant:
+    """Returns the plant of a robot, which begins where the scenario says."""
+    plant = MultibodyPlant(time_step=0.0)
+    Parser(plant).AddModels(str(MODELS / f"{robot.kind}.sdf"))
     plant.Finalize()
-    q = np.array(scenario.robot.start)
-    if n == 2:
-        q = appendix_a.joints(q, ELBOW[scenario.robot.elbow])
+    q = np.array(robot.start)
+    if plant.num_positions() == 2:
+        q = appendix_a.joints(q, ELBOW[robot.elbow])
     plant.SetDefaultPositions(q)
-    task_space = builder.AddSystem(TaskSpace(plant, n))
-    environment = builder.AddSystem(Environment(scenario.environment.layers, n))
-    controller = builder.AddSystem(AdaptiveBackstepping(scenario))
-    surgeon = scenario.surgeon
-    device = scenario.haptic_device
-    force = surgeon.contact_force
-    surface = None if force is None else Border(scenario, "contact")
-    operator = builder.AddSystem(Operator(surgeon.velocity, force, surface))
+    return plant
+
+
+def MakeDevice(device, n: int) -> LinearSystem:
+    """Returns the transfer function of the haptic device, on each of n axes."""
     (b1, b0) = device.numerator
     (_, a1, a0) = device.denominator
     A = np.kron(np.array([[0, 1], [-a0, -a1]]), np.eye(n))
     B = np.kron(np.array([[0], [1]]), np.eye(n))
     C = np.kron(np.array([[b0, b1]]), np.eye(n))
-    device = builder.AddSystem(LinearSystem(A, B, C, np.zeros((n, n))))
-    error = builder.AddSystem(Adder(2, n))
-    minus = builder.AddSystem(Gain(-1.0, n))
+    return LinearSystem(A, B, C, np.zeros((n, n)))
 
+
+def MakeOperator(scenario: Scenario) -> Operator:
+    surgeon = scenario.surgeon
+    force = surgeon.contact_force
+    surface = None if force is None else Border(scenario, "contact")
+    return Operator(surgeon.velocity, force, surface)
+
+
+# The output that is connected to each input.
+CONNECTIONS = {
+    "task_space.state": "plant.state",
+    "task_space.control_force": "controller.control_force",
+    "task_space.environment_force": "environment.force",
+    "plant.actuation": "task_space.torque",
+    "environment.position": "task_space.position",
+    "environment.velocity": "task_space.velocity",
+    "controller.position": "task_space.position",
+    "controller.velocity": "task_space.velocity",
+    "controller.environment_force": "environment.force",
+    "return_position": "task_space.position",
+    "return_velocity": "task_space.velocity",
+    "operator.felt_position": "return_position",
+    "minus": "return_velocity",
+    "error.u0": "operator.velocity_command",
+    "error.u1": "minus",
+    "device": "error",
+    "operator.haptic_force": "device",
+    "forward_force": "operator.force_command",
+    "forward_velocity": "operator.velocity_command",
+    "controller.haptic_force": "forward_force",
+    "controller.velocity_command": "forward_velocity",
+    "tool_position": "task_space.position",
+    "tool_velocity": "task_space.velocity",
+    "environment_force": "environment.force",
+    "control_force": "controller.control_force",
+}
+LOGGED = ("tool_position", "tool_velocity", "environment_force", "control_force")
+
+
+def MakeDiagram(scenario: Scenario, make_delay: Callable[[float, np.ndarray], System]):
+    """Returns the Diagram and its loggers by signal."""
+    n = scenario.num_axes
     T_f = scenario.forward_channel.delay
     T_r = scenario.return_channel.delay
     zero = np.zeros(n)
-    forward_force, forward_velocity, return_position, return_velocity = (
-        builder.AddSystem(make_delay(delay, initial))
-        for delay, initial in (
-            (T_f, zero),
-            (T_f, zero),
-            (T_r, np.array(scenario.robot.start)),
-            (T_r, zero),
-        )
-    )
-    position = task_space.GetOutputPort("position")
-    velocity = task_space.GetOutputPort("velocity")
-    F_e = environment.GetOutputPort("force")
-    F_c = controller.GetOutputPort("control_force")
-    v_d = operator.GetOutputPort("velocity_command")
-    for output, target in (
-        (plant.get_state_output_port(), task_space.GetInputPort("state")),
-        (F_c, task_space.GetInputPort("control_force")),
-        (F_e, task_space.GetInputPort("environment_force")),
-        (task_space.GetOutputPort("torque"), plant.get_actuation_input_port()),
-        (position, environment.GetInputPort("position")),
-        (velocity, environment.GetInputPort("velocity")),
-        (position, controller.GetInputPort("position")),
-        (velocity, controller.GetInputPort("velocity")),
-        (F_e, controller.GetInputPort("environment_force")),
-        (position, return_position.get_input_port()),
-        (velocity, return_velocity.get_input_port()),
-        (return_position.get_output_port(), operator.GetInputPort("felt_position")),
-        (return_velocity.get_output_port(), minus.get_input_port()),
-        (v_d, error.get_input_port(0)),
-        (minus.get_output_port(), error.get_input_port(1)),
-        (error.get_output_port(), device.get_input_port()),
-        (device.get_output_port(), operator.GetInputPort("haptic_force")),
-        (operator.GetOutputPort("force_command"), forward_force.get_input_port()),
-        (v_d, forward_velocity.get_input_port()),
-        (forward_force.get_output_port(), controller.GetInputPort("haptic_force")),
-        (
-            forward_velocity.get_output_port(),
-            controller.GetInputPort("velocity_command"),
-        ),
-    ):
-        builder.Connect(output, target)
-    loggers = {
-        name: LogVectorOutput(port, builder)
-        for name, port in (
-            ("tool_position", position),
-            ("tool_velocity", velocity),
-            ("environment_force", F_e),
-            ("control_force", F_c),
-        )
+    plant = MakePlant(scenario.robot)
+    loggers = {name: VectorLogSink(n) for name in LOGGED}
+    systems = {
+        "plant": plant,
+        "task_space": TaskSpace(plant, n),
+        "environment": Environment(scenario.environment.layers, n),
+        "controller": AdaptiveBackstepping(scenario),
+        "operator": MakeOperator(scenario),
+        "device": MakeDevice(scenario.haptic_device, n),
+        "error": Adder(2, n),
+        "minus": Gain(-1.0, n),
+        "forward_force": make_delay(T_f, zero),
+        "forward_velocity": make_delay(T_f, zero),
+        "return_position": make_delay(T_r, np.array(scenario.robot.start)),
+        "return_velocity": make_delay(T_r, zero),
     }
-    return builder.Build(), loggers
+    return Wired(systems | loggers, CONNECTIONS), loggers
 
 
 @dataclass(frozen=True, kw_only=True)

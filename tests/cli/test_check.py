@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 from references import (
     FOLDER,
     NETWORK,
@@ -160,4 +161,4 @@ def test_a_reference_is_what_the_solver_makes(name, tmp_path):
     columns, _ = solve(name)
     for column, values in Reference(name).items():
         scale = np.ptp(values) or 1.0
-        np.testing.assert_allclose(columns[column], values, rtol=0, atol=1e-6 * scale)
+        assert_allclose(columns[column], values, rtol=0, atol=1e-6 * scale)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake import simulate
 from teleop_drake.cli import main
@@ -89,10 +90,10 @@ def test_signals_are_written_as_a_table(capsys):
     assert head[0] == "time_s" and "tool_velocity[0]" in head
     table = np.genfromtxt("run.csv", delimiter=",", skip_header=1)
     recording = simulate("one_dof", duration=0.3)
-    np.testing.assert_allclose(table[:, 0], recording.time, rtol=1e-9)
+    assert_allclose(table[:, 0], recording.time, rtol=1e-9)
     column = head.index("tool_velocity[0]")
     velocity = recording["tool_velocity"][:, 0]
-    np.testing.assert_allclose(table[:, column], velocity, rtol=1e-8, atol=1e-12)
+    assert_allclose(table[:, column], velocity, rtol=1e-8, atol=1e-12)
 
 
 def test_a_table_that_cannot_be_written_is_refused_before_the_run(capsys):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scaled_forces import ScaleForces
 
 from teleop_drake.model.blocks.robots.slider import SliderConfig
@@ -31,7 +32,7 @@ def Collision(scenario, *names):
 def test_a_slider_ten_times_as_heavy_moves_alike():
     scenario = LoadScenario("one_dof", FAST)
     names = "rebound_velocity", "settling_time"
-    np.testing.assert_allclose(
+    assert_allclose(
         Collision(ScaleForces(scenario, 10), *names),
         Collision(scenario, *names),
         rtol=1e-5,
@@ -45,7 +46,7 @@ def test_without_forgetting_it_is_exact(kind):
     scenario = LoadScenario("one_dof", {**changes, "controller.kind": kind})
     names = "time", "velocity", "rebound_velocity", "peak_force"
     one, ten = (Collision(x, *names) for x in (scenario, ScaleForces(scenario, 10)))
-    np.testing.assert_allclose(ten, np.multiply(one, [1, 1, 1, 10]), rtol=1e-7)
+    assert_allclose(ten, np.multiply(one, [1, 1, 1, 10]), rtol=1e-7)
 
 
 @pytest.mark.parametrize("name", ["needle_insertion", "wall_sliding"])

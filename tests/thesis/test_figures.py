@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from grids import Slow
 from matplotlib.figure import Figure
+from numpy.testing import assert_array_equal
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.thesis.figures import FIGURES, WritePicture
@@ -94,8 +95,8 @@ def test_curves_are_those_of_the_runs(thesis_runs):
     curves = Curves(ax)
     assert len(curves) == recording["weights_3"].shape[1]
     for k, curve in enumerate(curves):
-        np.testing.assert_array_equal(curve.get_xdata(), recording.time)
-        np.testing.assert_array_equal(curve.get_ydata(), recording["weights_3"][:, k])
+        assert_array_equal(curve.get_xdata(), recording.time)
+        assert_array_equal(curve.get_ydata(), recording["weights_3"][:, k])
     position, _ = Made("5.9", thesis_runs).axes
     recording = thesis_runs("two_dof_collision", DIRECT).recording
     x = Curves(position)[0].get_ydata()
@@ -107,7 +108,7 @@ def test_weights_of_the_planar_arm_are_told_apart_by_axis_and_centre(thesis_runs
     num_functions = recording["weights_1"].shape[1] // 2
     for k, ax in enumerate(Made("5.18", thesis_runs).axes):
         for i, curve in enumerate(Curves(ax)):
-            np.testing.assert_array_equal(
+            assert_array_equal(
                 curve.get_ydata(), recording["weights_1"][:, k * num_functions + i]
             )
 

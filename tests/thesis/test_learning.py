@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from block_checks import backstepping_rate
 from grids import Slow
+from numpy.testing import assert_allclose
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.model.laws.backstepping import (
@@ -57,7 +58,7 @@ def test_what_the_weight_adds_is_the_closed_form():
         )[:2]
         tau_g = plant.CalcGravityGeneralizedForces(context)
         fall = J @ np.linalg.solve(plant.CalcMassMatrix(context), tau_g)
-        np.testing.assert_allclose(drift, [1.5, 1.0] * fall, rtol=1e-9)
+        assert_allclose(drift, [1.5, 1.0] * fall, rtol=1e-9)
 
 
 def test_distance_from_the_path_is_how_far_the_start_is_missed(thesis_runs):

@@ -8,6 +8,7 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.backstepping import BacksteppingGains, unpack_state
 from teleop_drake.model.laws.gaussian_network import GaussianNetwork, gaussian_functions
@@ -289,7 +290,7 @@ def test_separate_updates_follow_the_errors_of_their_stages():
     alpha_dot = W3 @ Phi + inverse @ (
         Psi_dot @ offset - W1_dot @ Phi - W1 @ Phi_dot - 4 * s_dot
     )
-    np.testing.assert_allclose(rate.W1, W1_dot)
-    np.testing.assert_allclose(rate.Psi, Psi_dot)
-    np.testing.assert_allclose(rate.W3, 0.1 * (-np.outer(z, Phi) - 0.5 * W3))
-    np.testing.assert_allclose(rate.F_c, alpha_dot - Psi.T @ g - 30 * z)
+    assert_allclose(rate.W1, W1_dot)
+    assert_allclose(rate.Psi, Psi_dot)
+    assert_allclose(rate.W3, 0.1 * (-np.outer(z, Phi) - 0.5 * W3))
+    assert_allclose(rate.F_c, alpha_dot - Psi.T @ g - 30 * z)

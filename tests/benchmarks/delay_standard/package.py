@@ -10,9 +10,9 @@ from benchmarks.delay_standard.packet_tasks import (
 )
 from benchmarks.delay_standard.simulator import Input, Simulator
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 from signal_delays import Conveyor, Loop, Source, TimeDelay
+from wired import Wired
 
 from teleop_drake import Compile
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -56,6 +56,12 @@ def sawtooth(start: float) -> FixedBlock:
     return block
 
 
+def receiver(delay: Delay) -> FixedBlock:
+    """Returns a block that shows what arrives of its input."""
+    ports = {"inputs": {"u": 1}, "outputs": {"shown": 1}}
+    return FixedBlock("receiver", Kernel(delays=[delay]), **ports)
+
+
 class Package(Simulator):
     """Delays whose jumps and their echoes end steps."""
 
@@ -63,14 +69,13 @@ class Package(Simulator):
         self.name = f"teleop-drake, {engine}"
         self._engine = engine
 
-    def _simulate(self, builder, port, times, longest=0.01):
-        """Returns a port at times; the state is integrated to an error of 1e-10."""
-        builder.ExportOutput(port, "answer")
+    def _simulate(self, systems, connections, answer, times, longest=0.01):
+        """Returns an output at times; the state is integrated to an error of 1e-10."""
         config = SimulatorConfig(
             integration_scheme="runge_kutta5", accuracy=1e-10, max_step_size=longest
         )
         run = simulate(
-            builder.Build(),
+            Wired(systems, connections, {"answer": answer}),
             duration=times[-1] + 0.01,
             engine=self._engine,
             simulator=config,
@@ -79,50 +84,43 @@ class Package(Simulator):
         return run.Interpolate("answer", times)
 
     def echo(self, signal: Input, path, times):
-        builder = DiagramBuilder()
-        port = builder.AddSystem(source(signal)).get_output_port()
+        systems = {"source": source(signal)}
         for i, T in enumerate(path):
-            late = TransportDelay(delay=T, size=signal.size)
-            builder.AddNamedSystem(f"delay_{i}", late)
-            builder.Connect(port, late.get_input_port())
-            port = late.get_output_port()
-        return self._simulate(builder, port, times, min(0.01, *path, 0.01))
+            systems[f"delay_{i}"] = TransportDelay(delay=T, size=signal.size)
+        names = [*systems]
+        connections = dict(zip(names[1:], names, strict=False))
+        longest = min(0.01, *path, 0.01)
+        return self._simulate(systems, connections, names[-1], times, longest)
 
     def _loop(self, law, start, history, sensor, actuator, times):
         """x' = [the other states, force], the force is a law of x; both delayed."""
         n = len(start)
-        builder = DiagramBuilder()
         control = Kernel(outputs={"force": (law, "x")})
         law_block = FixedBlock("law", control, inputs={"x": n}, outputs={"force": 1})
-        builder.AddSystem(law_block)
         rate = Kernel(
             outputs={"rate": (lambda x, force: np.append(x[1:], force), "x", "force")}
         )
         inputs = {"x": n, "force": 1}
         rates = FixedBlock("rates", rate, inputs=inputs, outputs={"rate": n})
-        builder.AddSystem(rates)
-        plant = builder.AddNamedSystem("plant", Integrator(start))
-        builder.Connect(rates.get_output_port(), plant.get_input_port())
-        builder.Connect(plant.get_output_port(), rates.GetInputPort("x"))
+        systems = {"law": law_block, "rates": rates, "plant": Integrator(start)}
+        connections = {"plant": "rates", "rates.x": "plant"}
         links = (
-            ("sensor", sensor, plant, law_block.GetInputPort("x"), history),
-            ("actuator", actuator, law_block, rates.GetInputPort("force"), [0.0]),
+            ("sensor", sensor, "plant", "law.x", history),
+            ("actuator", actuator, "law", "rates.force", [0.0]),
         )
-        for name, T, block, target, initial in links:
-            port = block.get_output_port()
+        for name, T, sender, target, initial in links:
             if T > 0:
-                late = TransportDelay(
+                systems[name] = TransportDelay(
                     delay=T,
-                    size=port.size(),
+                    size=len(initial),
                     initial_value=initial,
                     max_sample_interval=math.inf,
                 )
-                builder.AddNamedSystem(name, late)
-                builder.Connect(port, late.get_input_port())
-                port = late.get_output_port()
-            builder.Connect(port, target)
+                connections |= {name: sender, target: name}
+            else:
+                connections[target] = sender
         longest = min(T for T in (sensor, actuator, 0.05) if T > 0)
-        return self._simulate(builder, plant.get_output_port(), times, longest)[:, 0]
+        return self._simulate(systems, connections, "plant", times, longest)[:, 0]
 
     def scalar_loop(self, k, T, times):
         return self._loop(lambda x: -k * x, [1.0], [1.0], T, 0.0, times)
@@ -149,13 +147,9 @@ class Package(Simulator):
         return self._packets(count, delay, times)
 
     def _packets(self, signal, delay, times):
-        builder = DiagramBuilder()
-        sender = builder.AddSystem(source(signal))
-        kernel = Kernel(delays=[delay])
-        ports = {"inputs": {"u": 1}, "outputs": {"shown": 1}}
-        receiver = builder.AddSystem(FixedBlock("receiver", kernel, **ports))
-        builder.Connect(sender.get_output_port(), receiver.get_input_port())
-        return self._simulate(builder, receiver.get_output_port(), times)[:, 0]
+        systems = {"sender": source(signal), "receiver": receiver(delay)}
+        wires = {"receiver": "sender"}
+        return self._simulate(systems, wires, "receiver", times)[:, 0]
 
     def stale_command(self, times):
         """The mode is the last packet's number, when it expires, and if it counts."""
@@ -198,25 +192,23 @@ class Package(Simulator):
             "watchdog", law, inputs={"shown": 1}, outputs={"both": 2}, state=[0.0]
         )
         watchdog.DeclareDiscreteState([0.0, 0.0, 0.0])
-        builder = DiagramBuilder()
-        sender = builder.AddSystem(source(number))
-        kernel = Kernel(delays=[delay])
-        ports = {"inputs": {"u": 1}, "outputs": {"shown": 1}}
-        receiver = builder.AddSystem(FixedBlock("receiver", kernel, **ports))
-        builder.AddSystem(watchdog)
-        builder.Connect(sender.get_output_port(), receiver.get_input_port())
-        builder.Connect(receiver.get_output_port(), watchdog.get_input_port())
-        return self._simulate(builder, watchdog.get_output_port(), times)
+        systems = {
+            "sender": source(number),
+            "receiver": receiver(delay),
+            "watchdog": watchdog,
+        }
+        wires = {"receiver": "sender", "watchdog": "receiver"}
+        return self._simulate(systems, wires, "watchdog", times)
 
     def varying_echo(self, signal, T, times):
         """T rises for 0.2 s and falls at once; the signal goes forward there."""
-        builder = DiagramBuilder()
-        sender = builder.AddSystem(source(signal))
-        steering = builder.AddSystem(sawtooth(float(T(0.0))))
-        late = builder.AddNamedSystem("late", VariableDelay(size=1, maximum_delay=0.2))
-        builder.Connect(sender.get_output_port(), late.GetInputPort("signal"))
-        builder.Connect(steering.get_output_port(), late.GetInputPort("delay"))
-        return self._simulate(builder, late.get_output_port(), times)
+        systems = {
+            "sender": source(signal),
+            "steering": sawtooth(float(T(0.0))),
+            "late": VariableDelay(size=1, maximum_delay=0.2),
+        }
+        wires = {"late.signal": "sender", "late.delay": "steering"}
+        return self._simulate(systems, wires, "late", times)
 
     def signal_delay(self, times):
         def wave(t):
@@ -267,23 +259,21 @@ class Package(Simulator):
             outputs={"held": 1},
             mode=[0.0],
         )
-        builder = DiagramBuilder()
-        builder.AddSystem(hold)
-        plant = builder.AddNamedSystem("plant", Integrator([1.0]))
-        late = builder.AddNamedSystem("late", TransportDelay(0.04, 1))
-        builder.Connect(plant.get_output_port(), hold.get_input_port())
-        builder.Connect(hold.get_output_port(), late.get_input_port())
-        builder.Connect(late.get_output_port(), plant.get_input_port())
-        return self._simulate(builder, plant.get_output_port(), times)[:, 0]
+        systems = {
+            "hold": hold,
+            "plant": Integrator([1.0]),
+            "late": TransportDelay(0.04, 1),
+        }
+        wires = {"hold": "plant", "late": "hold", "plant": "late"}
+        return self._simulate(systems, wires, "plant", times)[:, 0]
 
     def switched_echo(self, signal, delays, times):
         """Runs of one program, or of one Diagram with another Context each."""
-        builder = DiagramBuilder()
-        sender = builder.AddSystem(source(signal))
-        late = builder.AddNamedSystem("late", TransportDelay(delays[0], 1))
-        builder.Connect(sender.get_output_port(), late.get_input_port())
-        builder.ExportOutput(late.get_output_port(), "answer")
-        diagram = builder.Build()
+        diagram = Wired(
+            {"sender": source(signal), "late": TransportDelay(delays[0], 1)},
+            {"late": "sender"},
+            {"answer": "late"},
+        )
         end = times[-1] + 0.01
         if self._engine == "compiled":
             program = Compile(diagram, duration=end)
@@ -302,7 +292,6 @@ class Package(Simulator):
 
         Behind an impact, x = 0 is no impact until the ball falls again.
         """
-        builder = DiagramBuilder()
 
         def speed(x, mode):
             return x[1] + mode[0]
@@ -345,24 +334,20 @@ class Package(Simulator):
             "ball", law, inputs={"felt": 1}, outputs=outputs, state=[1, 0]
         )
         ball.DeclareDiscreteState([0.0, 1.0])
-        builder.AddSystem(ball)
-        port = ball.GetOutputPort("velocity")
-        ways = []
-        for name in ("to_hand", "to_ball"):
-            late = builder.AddNamedSystem(name, TransportDelay(delay=0.15, size=1))
-            builder.Connect(port, late.get_input_port())
-            port = late.get_output_port()
-            ways.append(port)
-        builder.Connect(port, ball.GetInputPort("felt"))
-        builder.ExportOutput(ball.GetOutputPort("height"), "height")
-        builder.ExportOutput(ball.GetOutputPort("velocity"), "velocity")
-        builder.ExportOutput(ways[0], "felt")
+        systems = {
+            "ball": ball,
+            "to_hand": TransportDelay(delay=0.15, size=1),
+            "to_ball": TransportDelay(delay=0.15, size=1),
+        }
+        diagram = Wired(
+            systems,
+            {"to_hand": "ball.velocity", "to_ball": "to_hand", "ball": "to_ball"},
+            {"height": "ball.height", "velocity": "ball.velocity", "felt": "to_hand"},
+        )
         config = SimulatorConfig(
             integration_scheme="runge_kutta5", accuracy=1e-8, max_step_size=0.01
         )
-        run = simulate(
-            builder.Build(), duration=1.6, engine=self._engine, simulator=config
-        )
+        run = simulate(diagram, duration=1.6, engine=self._engine, simulator=config)
         assert run.solver.engine == self._engine
         names = ("height", "velocity", "felt")
         return np.column_stack([run.Interpolate(name, times)[:, 0] for name in names])

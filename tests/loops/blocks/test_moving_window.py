@@ -6,10 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from engines import Compiled, Errors, InWebAssembly
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator, LinearSystem, Sine
 from pydrake.trajectories import PiecewisePolynomial
+from wired import Wired
 
 from teleop_drake.loops import (
     LinearizePorts,
@@ -79,18 +80,16 @@ def right(weights, time, start, before):
 
 def behind(block, window):
     """Returns a Diagram of a window behind a source; it exports the window's output."""
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("source", block)
-    builder.AddNamedSystem("window", window)
-    builder.Connect(block.get_output_port(0), window.get_input_port())
-    builder.ExportOutput(window.get_output_port(), "y")
-    return builder.Build()
+    source = f"source.{block.get_output_port(0).get_name()}"
+    return Wired(
+        {"source": block, "window": window}, {"window": source}, {"y": "window"}
+    )
 
 
 def check(recording, weights, *, start=0.0, before=(0.0, 0.0), atol=1e-9):
     times = np.linspace(recording.time[0], recording.time[-1], 37)[1:-1] + 1e-5
     expected = [right(weights, time, start, before) for time in times]
-    np.testing.assert_allclose(recording.Interpolate("y", times), expected, atol=atol)
+    assert_allclose(recording.Interpolate("y", times), expected, atol=atol)
 
 
 @pytest.mark.parametrize("name", WEIGHTS)
@@ -164,15 +163,15 @@ def test_the_weights_of_a_chain_of_lags_give_its_output():
 
 def average_loop(gain):
     """Returns x' = -gain times the average of x over T, which begins at 1."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
-    window = builder.AddNamedSystem("window", MovingWindow(T, 1, [1.0]))
-    back = builder.AddNamedSystem("back", Gain(-gain, 1))
-    builder.Connect(plant.get_output_port(), window.get_input_port())
-    builder.Connect(window.get_output_port(), back.get_input_port())
-    builder.Connect(back.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
-    return builder.Build()
+    return Wired(
+        {
+            "plant": Integrator([1.0]),
+            "window": MovingWindow(T, 1, [1.0]),
+            "back": Gain(-gain, 1),
+        },
+        {"window": "plant", "back": "window", "plant": "back"},
+        {"x": "plant"},
+    )
 
 
 @pytest.mark.parametrize(("factor", "is_growing"), [(0.97, False), (1.03, True)])
@@ -200,7 +199,7 @@ def test_a_linear_model_has_the_response_of_the_window():
     )
     s = 1j * np.array([0.3, 2.0, 11.0])
     expected = (1.0 - np.exp(-s * T)) / (s * T)
-    np.testing.assert_allclose(model.Response(s.imag)[:, 0, 0], expected, rtol=1e-10)
+    assert_allclose(model.Response(s.imag)[:, 0, 0], expected, rtol=1e-10)
 
 
 def test_a_window_runs_in_a_page():

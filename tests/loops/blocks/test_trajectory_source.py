@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial, PiecewiseQuaternionSlerp
+from wired import Wired
 
 from teleop_drake.loops import TrajectorySource, TransportDelay, simulate
 from teleop_drake.loops.engine.evaluator import Evaluator
@@ -27,13 +28,11 @@ CONSTANT = PiecewisePolynomial(np.array([[1.0], [2.0]]))
 )
 def test_it_is_drakes_source(trajectory, order, start, engine):
     """Also before the first break, after the last one, and from a start between."""
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", TrajectorySource(trajectory, order))
-    way = builder.AddNamedSystem(
-        "way", drake.Integrator(source.get_output_port().size())
+    source = TrajectorySource(trajectory, order)
+    diagram = Wired(
+        {"source": source, "way": drake.Integrator(source.get_output_port().size())},
+        {"way": "source"},
     )
-    builder.Connect(source.get_output_port(), way.get_input_port())
-    diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     context.SetTime(start)
     recording = simulate(diagram, context=context, duration=1.5 - start, engine=engine)
@@ -44,7 +43,7 @@ def test_it_is_drakes_source(trajectory, order, start, engine):
         own.SetTime(time)
         expected = theirs.get_output_port().Eval(own)
         found = recording.Interpolate("source.y0", [time])[0]
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-8)
+        assert_allclose(found, expected, rtol=1e-9, atol=1e-8)
     # The integral of the steps has a closed form; the last value is held.
     if trajectory is STEPS and start == 0.0:
         total = (0.501 - 0.5) * 1.0 + (1.5 - 0.501) * -2.0
@@ -54,11 +53,11 @@ def test_it_is_drakes_source(trajectory, order, start, engine):
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_a_pulse_comes_out_of_a_delay_as_it_went_in(engine):
     """A pulse of 1 ms, of which no sample between steps need know."""
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", TrajectorySource(STEPS))
-    delay = builder.AddNamedSystem("delay", TransportDelay(delay=0.3, size=1))
-    builder.Connect(source.get_output_port(), delay.get_input_port())
-    recording = simulate(builder.Build(), duration=1.0, engine=engine)
+    diagram = Wired(
+        {"source": TrajectorySource(STEPS), "delay": TransportDelay(delay=0.3, size=1)},
+        {"delay": "source"},
+    )
+    recording = simulate(diagram, duration=1.0, engine=engine)
     late = recording.Interpolate("delay.delayed_signal", [0.79999, 0.80001, 0.80099])
     assert late[:, 0] == pytest.approx([0.0, 1.0, 1.0], abs=1e-12)
 

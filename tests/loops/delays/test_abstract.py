@@ -1,14 +1,14 @@
 """Delays of poses and of objects: copies of values of any type."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import DiscreteTimeDelay, Integrator
+from wired import InSeries, Wired
 
 from teleop_drake.loops import AbstractDelay, ScenarioError, TransportDelay, simulate
 
@@ -60,15 +60,13 @@ class Place(LeafSystem):
 
 def behind(source, delay, model):
     """Returns a Diagram of a source, a delay, what is read of it, and its integral."""
-    parts = [source, delay, Place(model), Integrator(1)]
-    builder = DiagramBuilder()
-    for name, part in zip(("source", "delay", "place", "sum"), parts, strict=True):
-        builder.AddNamedSystem(name, part)
-    for part, target in pairwise(parts):
-        builder.Connect(part.get_output_port(), target.get_input_port())
-    builder.ExportOutput(parts[2].get_output_port(), "x")
-    builder.ExportOutput(parts[3].get_output_port(), "sum")
-    return builder.Build()
+    parts = {
+        "source": source,
+        "delay": delay,
+        "place": Place(model),
+        "sum": Integrator(1),
+    }
+    return Wired(parts, InSeries(*parts), {"x": "place", "sum": "sum"})
 
 
 def check(recording, start=0.0, before=-5.0):
@@ -78,7 +76,7 @@ def check(recording, start=0.0, before=-5.0):
     first = np.ceil(start / PERIOD - 1e-9) * PERIOD
     right = np.where(sent < first - 1e-9, before, sent)
     x = recording.Interpolate("x", times)[:, 0]
-    np.testing.assert_allclose(x, right, atol=1e-12)
+    assert_allclose(x, right, atol=1e-12)
 
 
 def pose_delay():
@@ -132,7 +130,7 @@ def test_a_multiple_of_the_period_is_what_drake_does():
             x = diagram.GetOutputPort("x").Eval(simulator.get_context())
             rows.append(x[0])
         found.append(rows)
-    np.testing.assert_allclose(*found, atol=1e-12)
+    assert_allclose(*found, atol=1e-12)
 
 
 def test_the_model_may_be_an_abstract_value():

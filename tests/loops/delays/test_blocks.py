@@ -2,8 +2,8 @@
 
 import math
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 from sources import Ramp
 
@@ -41,7 +41,7 @@ def test_zero_delay_is_a_pass_through(block):
     context = dut.CreateDefaultContext()
     assert context.num_total_states() == 0
     assert dut.NextJumpTime(context) == math.inf
-    np.testing.assert_allclose(Ramp(dut).Output(0.777), [0.777, 1.554])
+    assert_allclose(Ramp(dut).Output(0.777), [0.777, 1.554])
 
 
 @BLOCK
@@ -55,15 +55,13 @@ def test_cloned_context_continues_identically(block):
     other.AdvanceTo(1.0)
     other.AdvancePendingEvents()
     output = ramp.dut.get_output_port().Eval(ramp.dut.GetMyContextFromRoot(clone))
-    np.testing.assert_array_equal(output, expected)
+    assert_array_equal(output, expected)
     # And a run from the start again is the same.
     again = Simulator(ramp.simulator.get_system())
     again.AdvanceTo(1.0)
     again.AdvancePendingEvents()
     context = ramp.dut.GetMyContextFromRoot(again.get_context())
-    np.testing.assert_allclose(
-        ramp.dut.get_output_port().Eval(context), expected, atol=1e-12
-    )
+    assert_allclose(ramp.dut.get_output_port().Eval(context), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("block", [TransportDelay, VariableDelay])

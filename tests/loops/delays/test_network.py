@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import sources
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -72,10 +73,10 @@ def test_every_policy_against_a_look_at_every_packet(receiver):
             network=network, receiver=receiver, size=2, initial_value=[-1.0, -2.0]
         )
     )
-    np.testing.assert_array_equal(ramp.Eval(), [-1.0, -2.0])
+    assert_array_equal(ramp.Eval(), [-1.0, -2.0])
     for time in np.arange(0.00713, 1.5, 0.0137):
         expected = expected_output(network, receiver, time)
-        np.testing.assert_allclose(ramp.Output(time), expected, atol=1e-12)
+        assert_allclose(ramp.Output(time), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("receiver", POLICIES, ids=lambda receiver: receiver.policy)
@@ -104,12 +105,12 @@ def test_jumps_are_announced_and_have_two_sides(receiver, delay):
         ramp.simulator.AdvancePendingEvents()
         after = ramp.Eval()
         expected = expected_output(network, receiver, jump)
-        np.testing.assert_allclose(after, expected, atol=1e-12)
+        assert_allclose(after, expected, atol=1e-12)
         # What happens at the start, happens before anything can be looked at.
         if receiver.policy != "extrapolate" and jump > 0:
             assert np.any(before != after)
             expected = expected_output(network, receiver, jump - 1e-9)
-            np.testing.assert_allclose(before, expected, atol=1e-12)
+            assert_allclose(before, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -122,4 +123,4 @@ def test_packets_arrive_one_delay_after_they_were_sent(delay, h):
     for time in np.arange(0.00713, 1.0, 0.0137):
         newest = math.floor((time - delay) / h + 1e-9)
         expected = np.array([1.0, 2.0]) * (newest * h if newest >= 0 else -1.0)
-        np.testing.assert_allclose(ramp.Output(time), expected, atol=1e-12)
+        assert_allclose(ramp.Output(time), expected, atol=1e-12)

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.delays.packet_network import PacketNetwork
 from teleop_drake.loops.delays.packet_options import Jitter, Loss, Receiver
@@ -48,14 +49,14 @@ def test_packets_follow_the_profile():
     network = make(sinusoid=sinusoid, drift=0.001)
     t = np.arange(COUNT) * H
     expected = MEAN + 0.001 * t + 0.05 * np.sin(2 * t)
-    np.testing.assert_allclose(delays(network), expected, atol=2e-12)
+    assert_allclose(delays(network), expected, atol=2e-12)
 
 
 def test_measured_delays_are_used_as_they_are():
     times = np.arange(50) * 0.01
     measured = np.random.default_rng(0).uniform(0.01, 0.2, 50)
     network = make(delay=0.0, h=0.01, trace=(times, measured))
-    np.testing.assert_allclose(delays(network, 50), measured, atol=1e-11)
+    assert_allclose(delays(network, 50), measured, atol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -118,21 +119,19 @@ def test_in_order_a_packet_waits_for_the_one_before():
     )
     arrived = np.isfinite(free)
     assert np.diff(free[arrived]).min() < 0
-    np.testing.assert_array_equal(np.isfinite(ordered), arrived)
+    assert_array_equal(np.isfinite(ordered), arrived)
     waiting = np.maximum.accumulate(free[arrived])
-    np.testing.assert_array_equal(ordered[arrived], waiting)
+    assert_array_equal(ordered[arrived], waiting)
 
 
 @pytest.mark.parametrize("kind", ["uniform", "normal", "gamma"])
 def test_no_spread_is_no_jitter(kind):
     jitter = Jitter(kind=kind, std=0.0)
-    np.testing.assert_array_equal(
-        make(jitter=jitter).Arrivals(100), make().Arrivals(100)
-    )
+    assert_array_equal(make(jitter=jitter).Arrivals(100), make().Arrivals(100))
 
 
 def test_constant_delays_end_on_the_grid_of_the_samples():
-    np.testing.assert_array_equal(make().Arrivals(2000), (np.arange(2000) + 100) * H)
+    assert_array_equal(make().Arrivals(2000), (np.arange(2000) + 100) * H)
 
 
 # Loss.
@@ -320,13 +319,13 @@ def test_impairments_leave_each_other_alone(subtests):
             other = delays(make(jitter=BUSY["jitter"], loss=loss), 3000)
             both = np.isfinite(base) & np.isfinite(other)
             assert both.sum() > 1500
-            np.testing.assert_array_equal(base[both], other[both])
+            assert_array_equal(base[both], other[both])
     for arguments in (
         {"jitter": Jitter(kind="normal", std=0.01)},
         {"sinusoid": Sinusoid(amplitude=0.01), "drift": 0.01},
     ):
         other = delays(make(loss=BUSY["loss"], **arguments), 3000)
-        np.testing.assert_array_equal(np.isinf(base), np.isinf(other))
+        assert_array_equal(np.isinf(base), np.isinf(other))
         assert np.any(base[np.isfinite(base)] != other[np.isfinite(base)])
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from engines import Compiled, InWebAssembly
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from signal_delays import Conveyor, Entered, Loop, Roots, Source, Square, TimeDelay
 
@@ -139,7 +140,7 @@ def test_jumps_through_a_time(name, engine="compiled", within=1e-11):
     )
     jumps = jumps[jumps < 5.99]
     assert len(jumps) == len(expected)
-    np.testing.assert_allclose(jumps, expected, rtol=0, atol=within)
+    assert_allclose(jumps, expected, rtol=0, atol=within)
 
 
 @pytest.mark.slow
@@ -227,7 +228,7 @@ def test_page(diagram):
     page = InWebAssembly(diagram(), config, times)
     native = Compiled(diagram(), config, times, as_machine_code=True)
     for name, values in native.items():
-        np.testing.assert_allclose(page[name], values, rtol=0, atol=1e-12)
+        assert_allclose(page[name], values, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("engine", ["compiled", "drake"])

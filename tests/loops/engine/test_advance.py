@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.engine import advance as integrator
 from teleop_drake.loops.engine.advance import DONE, FULL, STUCK, advance
@@ -87,7 +88,7 @@ def test_it_goes_on_where_there_was_no_more_room():
         num = memory.counts[ROWS]
         times = memory.row_times[:num]
         rows = memory.rows[:num, 0]
-        np.testing.assert_allclose(rows, np.cos(times), atol=1e-8)
+        assert_allclose(rows, np.cos(times), atol=1e-8)
         calls += 1
         grown = {"row_times", "row_ends", "rows"}
         memory = memory._replace(

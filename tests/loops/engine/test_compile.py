@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
+from wired import Wired
 
 from teleop_drake.loops.engine.check import Compare
 from teleop_drake.loops.engine.evaluator import Evaluator
@@ -27,12 +28,10 @@ def cache(tmp_path, monkeypatch):
 
 
 def decay(rate):
-    builder = DiagramBuilder()
-    state = builder.AddNamedSystem("state", Integrator([1.0, 2.0]))
-    gain = builder.AddNamedSystem("gain", Gain(-rate, 2))
-    builder.Connect(state.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), state.get_input_port())
-    return builder.Build()
+    return Wired(
+        {"state": Integrator([1.0, 2.0]), "gain": Gain(-rate, 2)},
+        {"gain": "state", "state": "gain"},
+    )
 
 
 def check_machine_code(diagram):
@@ -59,11 +58,7 @@ def test_code_is_used_again_where_it_would_be_the_same():
     first = Compiled(decay(3.0))
     assert Compiled(decay(4.0), like=first).function is first.function
     other = Integrator([1.0])
-    other.set_name("other")
-    builder = DiagramBuilder()
-    builder.AddSystem(other)
-    builder.ExportInput(other.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired({"other": other}, {}, inputs={"u": "other"})
     context = diagram.CreateDefaultContext()
     diagram.get_input_port().FixValue(context, [0.0])
     anew = Evaluator(diagram, context, as_machine_code=True, like=first)

@@ -2,8 +2,8 @@
 
 import itertools
 
-import numpy as np
 from foreign.manipulation import ArmOfAModelInstance
+from numpy.testing import assert_array_equal
 from pydrake.examples import AcrobotPlant
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder
@@ -85,7 +85,7 @@ def test_recordings_have_the_names_in_tables_and_files(tmp_path):
     recording = simulate(diagram, context=context, duration=0.2)
     assert recording.components == {"seen": STATE}
     table = recording.to_dataframe()
-    np.testing.assert_array_equal(table["seen", "theta2"], recording["seen"][:, 1])
+    assert_array_equal(table["seen", "theta2"], recording["seen"][:, 1])
     recording.WriteCsv(tmp_path / "run.csv")
     head = (tmp_path / "run.csv").read_text("utf-8").partition("\n")[0]
     assert head == ",".join(["time_s", *(f"seen[{name}]" for name in STATE)])

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 from engines import Compiled, InDrake
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Gain,
@@ -14,6 +15,7 @@ from pydrake.systems.primitives import (
     LinearSystem,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -47,14 +49,10 @@ class Line(LeafSystem):
 
 def delayed_decay(delay):
     """dx/dt = -x(t - delay), x = 1 up to t = 0."""
-    builder = DiagramBuilder()
-    x = builder.AddNamedSystem("x", Integrator([1.0]))
-    line = builder.AddNamedSystem("line", Line(delay, 1.0))
-    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
-    builder.Connect(x.get_output_port(), line.get_input_port())
-    builder.Connect(line.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), x.get_input_port())
-    return builder.Build()
+    return Wired(
+        {"x": Integrator([1.0]), "line": Line(delay, 1.0), "gain": Gain(-1.0, 1)},
+        {"line": "x", "gain": "line", "x": "gain"},
+    )
 
 
 class Sampler(KernelBlock):
@@ -85,14 +83,16 @@ def test_a_sample_at_the_instant_of_a_jump_is_that_of_drake(delay):
     values = {}
     for make in (lambda: Sampler(0.05), lambda: ZeroOrderHold(0.05, 1)):
         for engine in (InDrake, Compiled):
-            builder = DiagramBuilder()
-            source = builder.AddSystem(ConstantVectorSource([1.0]))
-            line = builder.AddSystem(delay())
-            hold = builder.AddSystem(make())
-            builder.Connect(source.get_output_port(), line.get_input_port())
-            builder.Connect(line.get_output_port(), hold.get_input_port())
-            builder.ExportOutput(hold.get_output_port(), "y")
-            values[make, engine] = engine(builder.Build(), SimulatorConfig(), times)
+            diagram = Wired(
+                {
+                    "source": ConstantVectorSource([1.0]),
+                    "line": delay(),
+                    "hold": make(),
+                },
+                {"line": "source", "hold": "line"},
+                {"y": "hold"},
+            )
+            values[make, engine] = engine(diagram, SimulatorConfig(), times)
     shown = [x["y"][-1, 0] for x in values.values()]
     assert shown == [0.0, 0.0, 1.0, 1.0]
 
@@ -148,7 +148,7 @@ def test_samples_need_few_rows(monkeypatch, delay):
     assert max(num_rows) < 150
     _, times, rows = run(diagram, 4.0, every=1 / 40)
     nearest = [np.abs(times - time).argmin() for time in instants]
-    np.testing.assert_allclose(samples, rows[nearest, 0], atol=1e-8)
+    assert_allclose(samples, rows[nearest, 0], atol=1e-8)
 
 
 class Switch(LeafSystem):
@@ -187,31 +187,27 @@ def other(mode):
 
 
 def test_transitions_are_located():
-    builder = DiagramBuilder()
-    x = builder.AddNamedSystem("x", LinearSystem([[-1.0]], [[1.0]], [[1.0]], [[0.0]]))
-    switch = builder.AddNamedSystem("switch", Switch())
-    builder.Connect(x.get_output_port(), switch.get_input_port())
-    builder.Connect(switch.get_output_port(), x.get_input_port())
-    _, times, _ = run(builder.Build(), 2.0)
+    diagram = Wired(
+        {"x": LinearSystem([[-1.0]], [[1.0]], [[1.0]], [[0.0]]), "switch": Switch()},
+        {"switch": "x", "x": "switch"},
+    )
+    _, times, _ = run(diagram, 2.0)
     jumps = times[:-1][np.diff(times) == 0]
     # From 0 to 2 towards 6, from 2 to 1 towards 0, from 1 to 2 towards 6, ...
     rise = math.log(6 / 4)
     fall = math.log(2)
     again = math.log(5 / 4)
     expected = np.cumsum([rise, fall, again, fall, again])
-    np.testing.assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
+    assert_allclose(jumps[1:], expected[expected < 2], atol=1e-9)
 
 
 @pytest.mark.parametrize("every", [math.inf, 0.1, 0.03])
 def test_a_sampled_loop_is_its_difference_equation(every):
     """dx/dt = -2 x_k, sampled every 0.1 s: x_{k+1} = 0.8 x_k."""
-    builder = DiagramBuilder()
-    x = builder.AddNamedSystem("x", Integrator([1.0]))
-    hold = builder.AddNamedSystem("hold", Sampler(0.1))
-    gain = builder.AddNamedSystem("gain", Gain(-2.0, 1))
-    builder.Connect(x.get_output_port(), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), x.get_input_port())
-    _, times, rows = run(builder.Build(), 1.05, max_step=1.0, every=every)
+    diagram = Wired(
+        {"x": Integrator([1.0]), "hold": Sampler(0.1), "gain": Gain(-2.0, 1)},
+        {"hold": "x", "gain": "hold", "x": "gain"},
+    )
+    _, times, rows = run(diagram, 1.05, max_step=1.0, every=every)
     k = int(np.flatnonzero(np.isclose(times, 1.0))[0])
     assert rows[k, 0] == pytest.approx(0.8**10, abs=1e-12)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake import symbolic
 from pydrake.symbolic import Expression, Variable
 
@@ -36,7 +37,7 @@ def test_a_tape_has_the_value_of_its_expression(expression):
         expected = expression.Evaluate(dict(zip((t, x, y), point, strict=True)))
         time, a, b = point
         value = tape(constants, time, np.array([a]), np.array([b]))
-        np.testing.assert_allclose(value, [expected], rtol=1e-14, atol=1e-15)
+        assert_allclose(value, [expected], rtol=1e-14, atol=1e-15)
 
 
 def test_a_common_part_is_computed_once():

@@ -1,7 +1,7 @@
 """Numeric parameters that a user's LeafSystem has in its kernel by their indices."""
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import (
     BasicVector,
     LeafSystem,
@@ -58,7 +58,7 @@ def run(system, gain):
 def test_an_index_stands_for_the_value_in_the_context(gain, power):
     """The index 0 of the gain was taken for its value."""
     recording = run(Line(power), gain)
-    np.testing.assert_allclose(recording["y"], gain * 4.0 + 0.5, rtol=1e-15)
+    assert_allclose(recording["y"], gain * 4.0 + 0.5, rtol=1e-15)
 
 
 def test_an_int_that_could_be_an_index_is_one_and_found_to_be_wrong():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
@@ -95,7 +96,7 @@ def test_a_plant_in_a_diagram_without_outputs_is_recorded():
     # The motor of the right cart can do 0.5 N.
     efforts = recording.signals["plant.net_actuation"]
     assert efforts[:, 1].max() == 0.5
-    np.testing.assert_array_equal(
+    assert_array_equal(
         recording.signals["plant.right_net_actuation"], efforts[:, [1, 3]]
     )
 
@@ -149,7 +150,7 @@ def test_a_discrete_plant_steps_as_in_drake(has_sampled_outputs):
         simulator.AdvanceTo(time)
         run.Sample(time)
         expected = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(context))
-        np.testing.assert_allclose(run.memory.m, expected, rtol=0, atol=1e-11)
+        assert_allclose(run.memory.m, expected, rtol=0, atol=1e-11)
 
 
 def sprung(time_step):
@@ -187,7 +188,7 @@ def test_springs_of_joints_and_between_points():
     simulator.AdvanceTo(0.5001)
     own = simulator.get_context()
     expected = plant.GetPositionsAndVelocities(own)
-    np.testing.assert_allclose(run.memory.m, expected, rtol=0, atol=1e-10)
+    assert_allclose(run.memory.m, expected, rtol=0, atol=1e-10)
 
 
 def ball(plant):

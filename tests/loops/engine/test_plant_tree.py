@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -132,7 +133,7 @@ def check_motion(seed, kinds):
         )
         expected = plant.EvalTimeDerivatives(context).CopyToVector()[n:]
         v_dot = calc_joint_accelerations(read.tree, q, v, forces)
-        np.testing.assert_allclose(v_dot, expected, atol=_tolerance(expected))
+        assert_allclose(v_dot, expected, atol=_tolerance(expected))
         A = plant.get_body_spatial_accelerations_output_port().Eval(context)
         motion = calc_motion(read.tree, q, v)
         for index, (link, X_LB) in read.poses.items():
@@ -150,11 +151,11 @@ def check_motion(seed, kinds):
             )
             X_WB = frame.CalcPoseInWorld(context)
             R = motion.R[link + 1] @ X_LB.rotation().matrix()
-            np.testing.assert_allclose(R, X_WB.rotation().matrix(), atol=1e-10)
-            np.testing.assert_allclose(p, X_WB.translation(), atol=1e-10)
-            np.testing.assert_allclose(J, J_drake, atol=1e-10)
+            assert_allclose(R, X_WB.rotation().matrix(), atol=1e-10)
+            assert_allclose(p, X_WB.translation(), atol=1e-10)
+            assert_allclose(J, J_drake, atol=1e-10)
             a_drake = np.append(A[index].rotational(), A[index].translational())
-            np.testing.assert_allclose(a, a_drake, atol=_tolerance(a_drake))
+            assert_allclose(a, a_drake, atol=_tolerance(a_drake))
 
 
 def _tolerance(x):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.examples import (
     AcrobotPlant,
     PendulumPlant,
@@ -39,6 +40,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 from pydrake.trajectories import PiecewisePolynomial
+from wired import InSeries, Wired
 
 from teleop_drake.loops.engine.block_kernels import KernelOf
 from teleop_drake.loops.engine.check import Compare, KernelDisagrees
@@ -93,11 +95,10 @@ def test_an_input_that_nothing_depends_on_may_be_connected():
     silent = LinearSystem(
         NONE((0, 0)), NONE((0, 1)), NONE((2, 0)), NONE((2, 1)), time_period=0.0
     )
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
-    builder.AddNamedSystem("silent", silent)
-    builder.Connect(source.get_output_port(), silent.get_input_port())
-    CheckKernel(builder.Build())
+    diagram = Wired(
+        {"source": ConstantVectorSource([1.0]), "silent": silent}, {"silent": "source"}
+    )
+    CheckKernel(diagram)
 
 
 @pytest.mark.parametrize("num_dimensions", [1, 2, 3])
@@ -140,7 +141,7 @@ def test_angles_are_wrapped_as_in_drake(angle):
     block.get_input_port().FixValue(context, u)
     expected = block.get_output_port().Eval(context)
     y, _ = Evaluator(block, context).Evaluate(context)
-    np.testing.assert_allclose(y[:4], expected, rtol=0, atol=1e-14)
+    assert_allclose(y[:4], expected, rtol=0, atol=1e-14)
     assert y[2] == angle
 
 
@@ -161,18 +162,17 @@ def slider(effort_limit):
 @pytest.mark.parametrize("effort_limit", [100.0, 0.1])
 def test_a_nested_diagram_flattens(effort_limit):
     """A motor that may be limited drives a slider, by a law in a diagram of its own."""
-    inner = DiagramBuilder()
-    split = inner.AddNamedSystem("split", Demultiplexer(2))
-    gain = inner.AddNamedSystem("gain", Gain(-30.0, 1))
-    damp = inner.AddNamedSystem("damp", Gain(-4.0, 1))
-    add = inner.AddNamedSystem("add", Adder(2, 1))
-    inner.Connect(split.get_output_port(0), gain.get_input_port())
-    inner.Connect(split.get_output_port(1), damp.get_input_port())
-    inner.Connect(gain.get_output_port(), add.get_input_port(0))
-    inner.Connect(damp.get_output_port(), add.get_input_port(1))
-    inner.ExportInput(split.get_input_port(), "state")
-    inner.ExportOutput(add.get_output_port(), "force")
-    law = inner.Build()
+    law = Wired(
+        {
+            "split": Demultiplexer(2),
+            "gain": Gain(-30.0, 1),
+            "damp": Gain(-4.0, 1),
+            "add": Adder(2, 1),
+        },
+        {"gain": "split.y0", "damp": "split.y1", "add.u0": "gain", "add.u1": "damp"},
+        {"force": "add"},
+        inputs={"state": "split"},
+    )
 
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", slider(effort_limit))
@@ -213,13 +213,10 @@ def spring_force(stiffness, x):
 def test_a_block_of_ones_own_is_checked():
     block = Spring(told=3.0)
     CheckKernel(block)
-    wrong = Spring(told=3.1)
-    wrong.set_name("wrong_spring")
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("wrong_spring", wrong)
-    builder.ExportInput(wrong.get_input_port(), "position")
+    wrong = {"wrong_spring": Spring(told=3.1)}
+    diagram = Wired(wrong, {}, inputs={"position": "wrong_spring"})
     with pytest.raises(KernelDisagrees, match="wrong_spring: its kernel says force"):
-        CheckKernel(builder.Build())
+        CheckKernel(diagram)
 
 
 @pytest.mark.parametrize(
@@ -233,10 +230,9 @@ def test_a_block_of_ones_own_is_checked():
     ],
 )
 def test_a_kernel_that_forgets_its_state_or_an_input_is_refused(kernel, message):
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
-    spring = builder.AddNamedSystem("spring", Spring(told=3.0))
+    spring = Spring(told=3.0)
     spring.Kernel = lambda: kernel
-    builder.Connect(source.get_output_port(), spring.get_input_port())
+    parts = {"source": ConstantVectorSource([1.0]), "spring": spring}
+    diagram = Wired(parts, InSeries(*parts))
     with pytest.raises(UnsupportedSystem, match=message):
-        CheckKernel(builder.Build())
+        CheckKernel(diagram)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from drake_systems import MakeArm
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
 from pydrake.systems import controllers
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
+from wired import Wired
 
 from teleop_drake.loops import simulate
 from teleop_drake.loops.engine.evaluator import Evaluator
@@ -40,19 +41,17 @@ def test_other_parameters_take_the_same_machine_code():
     gravity = 9.81
     torque = 0.3 - damping * 0.2 - mass * gravity * length * np.sin(0.4)
     expected = [0.2, torque / (mass * length**2)]
-    np.testing.assert_allclose(other.Evaluate(context)[1], expected, rtol=1e-14)
+    assert_allclose(other.Evaluate(context)[1], expected, rtol=1e-14)
 
 
 def test_a_discrete_symbolic_system_steps():
     """Next to a continuous one Drake's own run ends with a violated contract."""
-    builder = DiagramBuilder()
-    steps = builder.AddNamedSystem("steps", halving(0.1))
-    level = builder.AddNamedSystem("level", Integrator(1))
-    builder.Connect(steps.get_output_port(), level.get_input_port())
-    builder.Connect(steps.get_output_port(), steps.get_input_port())
-    builder.ExportOutput(steps.get_output_port(), "held")
-    builder.ExportOutput(level.get_output_port(), "integral")
-    recording = simulate(builder.Build(), duration=0.25)
+    diagram = Wired(
+        {"steps": halving(0.1), "level": Integrator(1)},
+        {"level": "steps", "steps": "steps"},
+        {"held": "steps", "integral": "level"},
+    )
+    recording = simulate(diagram, duration=0.25)
     assert recording.solver.engine == "compiled"
     # x becomes 1.5 x + 1 at 0, 0.1 and 0.2 s.
     assert recording.signals["held"][-1, 0] == pytest.approx(1 + 4.75)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
+from wired import Wired
 
 from teleop_drake.loops import TransportDelay
 from teleop_drake.loops.engine.evaluator import Evaluator
@@ -14,14 +14,14 @@ from teleop_drake.loops.engine.run import CompiledRun
 
 def MakeLoop(delay):
     """dx/dt = -x(t - delay), x(0) = 1."""
-    builder = DiagramBuilder()
-    state = builder.AddNamedSystem("state", Integrator([1.0]))
-    channel = builder.AddNamedSystem("channel", TransportDelay(delay, 1))
-    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
-    builder.Connect(state.get_output_port(), channel.get_input_port())
-    builder.Connect(channel.get_output_port(), minus.get_input_port())
-    builder.Connect(minus.get_output_port(), state.get_input_port())
-    return builder.Build()
+    return Wired(
+        {
+            "state": Integrator([1.0]),
+            "channel": TransportDelay(delay, 1),
+            "minus": Gain(-1.0, 1),
+        },
+        {"channel": "state", "minus": "channel", "state": "minus"},
+    )
 
 
 def EndOf(diagram, context):
@@ -55,12 +55,10 @@ def test_a_block_without_delay_computes_as_the_program_at_0():
 
 
 def test_a_loop_that_needs_its_delay_is_named():
-    builder = DiagramBuilder()
-    channel = builder.AddNamedSystem("channel", TransportDelay(0.1, 1))
-    half = builder.AddNamedSystem("half", Gain(0.5, 1))
-    builder.Connect(channel.get_output_port(), half.get_input_port())
-    builder.Connect(half.get_output_port(), channel.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired(
+        {"channel": TransportDelay(0.1, 1), "half": Gain(0.5, 1)},
+        {"half": "channel", "channel": "half"},
+    )
     context = diagram.CreateDefaultContext()
     Evaluator(diagram, context)
     with pytest.raises(AlgebraicLoop, match="depends on itself"):

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from teleop_drake.loops.jit.packing import Parameters, repack
 
@@ -42,7 +43,7 @@ def repacked(**changes):
 def test_the_same_values_are_packed_alike():
     _, p = packed()
     _, again = repacked()
-    np.testing.assert_array_equal(again, p)
+    assert_array_equal(again, p)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +63,7 @@ def test_other_values_are_read_back(changes):
         flat = read if isinstance(value, tuple) else (read,)
         expected = value if isinstance(value, tuple) else (value,)
         for x, y in zip(flat, expected, strict=True):
-            np.testing.assert_array_equal(x, y)
+            assert_array_equal(x, y)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from teleop_drake.loops.engine.evaluator import Evaluator
 from teleop_drake.loops.kernel import FixedBlock, Kernel
@@ -38,7 +39,7 @@ def places(table, u):
 def test_nan_is_behind_all_numbers_of_a_table(table, end, x):
     """It was in front of them."""
     found, expected = compiled(places, [x], np.append(table, end))
-    np.testing.assert_array_equal(found, expected)
+    assert_array_equal(found, expected)
 
 
 def after(u):
@@ -51,7 +52,7 @@ def after(u):
 def test_a_result_that_no_float_represents_is_rounded(x):
     """It was nan, and each comparison with it was false."""
     found, expected = compiled(after, [x])
-    np.testing.assert_array_equal(found, expected)
+    assert_array_equal(found, expected)
 
 
 def there_and_back(u):
@@ -63,7 +64,7 @@ def test_a_rounded_whole_number_is_no_operand_of_another_one(x, is_known):
     """What floats make of it is 0; Python has 1."""
     found, expected = compiled(there_and_back, [x])
     assert expected == [1.0]
-    np.testing.assert_array_equal(found, expected if is_known else [NAN])
+    assert_array_equal(found, expected if is_known else [NAN])
 
 
 def larger(u):
@@ -76,4 +77,4 @@ def larger(u):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_rounded_whole_number_passes_a_branch(x, side):
     found, expected = compiled(larger, [x, side])
-    np.testing.assert_array_equal(found, expected)
+    assert_array_equal(found, expected)

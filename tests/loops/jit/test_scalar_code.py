@@ -9,6 +9,7 @@ import re
 import hostile_laws as laws
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.jit.native import (
     BoundEvaluate,
@@ -141,7 +142,7 @@ def test_machine_code_and_python_agree(function):
                 if wanted == SIGNALS:
                     dx[:] = 0.0
                 results.append(np.concatenate((y, dx)))
-        np.testing.assert_allclose(results[3:], results[:3], rtol=1e-10, atol=1e-11)
+        assert_allclose(results[3:], results[:3], rtol=1e-10, atol=1e-11)
 
 
 @pytest.mark.parametrize("law", laws.RIGHT, ids=lambda law: law.__name__)
@@ -161,7 +162,7 @@ def test_a_law_is_the_same_in_machine_code(law):
         with contextlib.suppress(IndexError):
             expected[:] = law(x.copy())
         if np.isfinite(expected).any():
-            np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
+            assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
         else:
             assert not np.isfinite(result).all()
 
@@ -201,7 +202,7 @@ def test_tables_are_searched_and_indexed_as_in_python(count):
         # Python refuses an index that is too large, and counts -1 from the end.
         other = rows[left, 1] if left < count else np.nan
         expected = [left, right, *rows[right - 1], other]
-        np.testing.assert_array_equal(result, expected)
+        assert_array_equal(result, expected)
     memory[-1] = np.nan
     call()
     assert result[:2].tolist() == [count, count]
@@ -225,7 +226,7 @@ def test_an_index_between_whole_numbers_is_none():
     for x, expected in ((7.0, 7.0), (7.5, np.nan), (-1.0, 39.0), (40.0, np.nan)):
         memory[-1] = x
         call()
-        np.testing.assert_array_equal(result, [expected])
+        assert_array_equal(result, [expected])
 
 
 @pytest.mark.parametrize("of_parameter", [True, False])
@@ -260,7 +261,7 @@ def test_whole_numbers_beyond_those_of_floats_are_rounded():
     ):
         memory[:] = x
         call()
-        np.testing.assert_array_equal(result, expected)
+        assert_array_equal(result, expected)
 
 
 def Outside():

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.jit.native import Header, Library, ObjectFile
 from teleop_drake.loops.jit.scalar_code import FLOAT, INTEGER
@@ -105,7 +106,7 @@ def test_machine_code_and_python_agree(t):
             value = everything(*arguments)
         arrays = work.x, *work.inner, work.cube, work.result
         results.append([value, *np.concatenate([x.ravel() for x in arrays])])
-    np.testing.assert_allclose(results[1], results[0], rtol=1e-14)
+    assert_allclose(results[1], results[0], rtol=1e-14)
 
 
 class Optional(NamedTuple):

@@ -1,10 +1,9 @@
 """Delay lines: of one's own kernel, which says T(t), and in Drake's own Simulator."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -16,6 +15,7 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 from sources import Step
+from wired import InSeries, Wired
 
 from teleop_drake.loops import MakeSimulator, TransportDelay, simulate
 from teleop_drake.loops.framework.solver import DefaultSimulator
@@ -63,7 +63,7 @@ def test_it_delivers_by_the_rule_of_its_keys():
     sent = (times[~before] - 0.5) / 1.25
     expected = [signal.value(t)[0, 0] for t in sent]
     # Kinks of the second derivative, between samples 0.01 s apart.
-    np.testing.assert_allclose(values[~before], expected, atol=1e-4)
+    assert_allclose(values[~before], expected, atol=1e-4)
     assert np.ptp(values) > 5
     assert CheckKernel(Slowing([7.0])) == []
 
@@ -79,26 +79,24 @@ def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
 
 def behind(source):
     """Returns a Diagram with a source in front of a delay and a filter."""
-    builder = DiagramBuilder()
-    parts = [source, TransportDelay(0.35, 1), FirstOrderLowPassFilter(0.05, 1)]
-    for name, part in zip(("source", "delay", "filter"), parts, strict=True):
-        builder.AddNamedSystem(name, part)
-    for part, target in pairwise(parts):
-        builder.Connect(part.get_output_port(0), target.get_input_port())
-    builder.ExportOutput(parts[-1].get_output_port(), "y")
-    diagram = builder.Build()
+    parts = {
+        "source": source,
+        "delay": TransportDelay(0.35, 1),
+        "filter": FirstOrderLowPassFilter(0.05, 1),
+    }
+    sent = f"source.{source.get_output_port(0).get_name()}"
+    diagram = Wired(parts, InSeries(sent, "delay", "filter"), {"y": "filter"})
     diagram.set_name("loop")
     return diagram
 
 
 def held_sine():
     """Returns a Diagram of a sine that is held for 0.1 s."""
-    builder = DiagramBuilder()
-    sine = builder.AddSystem(Sine(1.0, 6.0, 0.7, 1))
-    hold = builder.AddSystem(ZeroOrderHold(0.1, 1))
-    builder.Connect(sine.get_output_port(0), hold.get_input_port())
-    builder.ExportOutput(hold.get_output_port(), "held")
-    return builder.Build()
+    return Wired(
+        {"sine": Sine(1.0, 6.0, 0.7, 1), "hold": ZeroOrderHold(0.1, 1)},
+        {"hold": "sine.y0"},
+        {"held": "hold"},
+    )
 
 
 def test_a_held_signal_in_drakes_own_simulator_has_a_warning():

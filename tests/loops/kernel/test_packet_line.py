@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
+from numpy.testing import assert_allclose
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
+from wired import InSeries, Wired
 
 from teleop_drake.loops import NetworkDelay, simulate
 from teleop_drake.loops.delays.packet_network import PacketNetwork, Receiver
@@ -25,13 +26,7 @@ def ramp_in_packets():
         "ramp": Integrator([1.0]),
         "network": NetworkDelay(network, 1, [7.0], receiver=receiver),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-    builder.Connect(parts["slope"].get_output_port(), parts["ramp"].get_input_port())
-    builder.Connect(parts["ramp"].get_output_port(), parts["network"].get_input_port())
-    builder.ExportOutput(parts["network"].get_output_port(), "shown")
-    return builder.Build()
+    return Wired(parts, InSeries(*parts), {"shown": "network"})
 
 
 def expected(times):
@@ -47,7 +42,7 @@ def check(recording):
     values = pieces.signal(recording["shown"])[:, 1:-1, 0]
     shares = np.array([0.25, 0.5, 0.75])
     times = pieces.begin[:, None] + shares * pieces.length[:, None]
-    np.testing.assert_allclose(values, expected(times), atol=1e-9)
+    assert_allclose(values, expected(times), atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     DiscreteTimeDelay,
     Gain,
@@ -15,6 +15,7 @@ from pydrake.systems.primitives import (
 )
 from scipy import signal
 from scipy.optimize import brentq
+from wired import InSeries, Wired
 
 from teleop_drake.loops import simulate
 from teleop_drake.loops.delays.network import NetworkDelay
@@ -30,11 +31,8 @@ H = 0.05
 
 def chain(**systems):
     """Returns a loop of systems, each fed by the one before it."""
-    builder = DiagramBuilder()
-    added = [builder.AddNamedSystem(name, x) for name, x in systems.items()]
-    for source, target in zip(added, [*added[1:], added[0]], strict=True):
-        builder.Connect(source.get_output_port(), target.get_input_port())
-    return builder.Build()
+    first = next(iter(systems))
+    return Wired(systems, InSeries(*systems, first))
 
 
 ABCD = signal.tf2ss([2.0], [1.0, 3.0, 2.0, 0.0])
@@ -88,11 +86,11 @@ def test_the_loop_is_that_of_python_control():
     w = np.array([0.1, 1.0, 10.0, 60.0])
     bode = model.bode(w)
     response = Response(w)
-    np.testing.assert_allclose(10 ** (bode.magnitude / 20), np.abs(response), rtol=1e-9)
+    assert_allclose(10 ** (bode.magnitude / 20), np.abs(response), rtol=1e-9)
     turned = np.exp(1j * np.radians(bode.phase)) - np.exp(1j * np.angle(response))
-    np.testing.assert_allclose(np.abs(turned), 0.0, atol=1e-9)
+    assert_allclose(np.abs(turned), 0.0, atol=1e-9)
     converted = model.to_control()(np.exp(1j * w * H))
-    np.testing.assert_allclose(converted, response, rtol=1e-9)
+    assert_allclose(converted, response, rtol=1e-9)
     closed = control.feedback(expected, 1)
     found = sorted(np.abs(model.Roots()))[-3:]
     assert found == pytest.approx(sorted(np.abs(closed.poles())), rel=1e-8)
@@ -150,7 +148,7 @@ def test_two_rates_with_a_common_period():
     model = LinearizePorts(diagram, context, port, is_opened=True)
     expected = np.abs(np.linalg.eigvals([[0.7, -0.3], [1.0, 0.0]]))
     found = np.sort(np.abs(model.Roots()))[-2:]
-    np.testing.assert_allclose(found, np.sort(expected), atol=1e-12)
+    assert_allclose(found, np.sort(expected), atol=1e-12)
     assert model.period == pytest.approx(0.2)
 
 
@@ -173,13 +171,12 @@ def test_what_has_no_exact_sampled_model_is_refused_by_name():
     diagram = chain(x=Integrator(1), minus=Gain(-1.0, 1), packets=packets)
     with pytest.raises(ScenarioError, match=r"diagram = 'packets': must be without"):
         margins_at(diagram, "minus")
-    builder = DiagramBuilder()
-    robot = builder.AddNamedSystem("robot", slider())
-    minus = builder.AddNamedSystem("minus", LinearSystem(D=[[-1.0, -1.0]]))
-    builder.Connect(robot.get_state_output_port(), minus.get_input_port())
-    builder.Connect(minus.get_output_port(), robot.get_actuation_input_port())
+    diagram = Wired(
+        {"robot": slider(), "minus": LinearSystem(D=[[-1.0, -1.0]])},
+        {"minus": "robot.state", "robot.actuation": "minus"},
+    )
     with pytest.raises(ScenarioError, match=r"diagram = 'robot': must be without"):
-        margins_at(builder.Build(), "minus")
+        margins_at(diagram, "minus")
     delayed = chain(
         x=Integrator(1),
         late=TransportDelay(0.1, 1),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.special import lambertw
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
@@ -28,7 +29,7 @@ def test_lambert_w(a, delay):
     expected = np.array([lambertw(a * delay, k) / delay for k in range(-6, 7)])
     expected = expected[np.argsort(-expected.real)][: len(roots)]
     assert len(roots) >= 5
-    np.testing.assert_allclose(
+    assert_allclose(
         np.sort_complex(np.round(roots, 9)), np.sort_complex(np.round(expected, 9))
     )
 
@@ -61,7 +62,7 @@ def test_neutral_equation():
     # All roots lie on one vertical line, so that their order is arbitrary.
     assert len(roots) >= 5
     assert len(np.unique(roots.imag.round(6))) == len(roots)
-    np.testing.assert_allclose(np.exp(roots * delay), d, rtol=1e-9)
+    assert_allclose(np.exp(roots * delay), d, rtol=1e-9)
 
 
 def test_fast_root_behind_slow_ones():
@@ -89,7 +90,7 @@ def test_without_delay_they_are_eigenvalues():
     C = [[1, 0]]
     roots = roots_of(A, B, C, [[0.5]], delay=0.0)
     expected = np.roots([1, 3, 2 - 1 / (1 - 0.5)])
-    np.testing.assert_allclose(np.sort(roots.real), np.sort(expected), rtol=1e-12)
+    assert_allclose(np.sort(roots.real), np.sort(expected), rtol=1e-12)
 
 
 def test_pair_is_not_torn_apart():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.loops.numerics.delayed_loop import margins_of
@@ -88,4 +89,4 @@ def test_two_delays_of_collocation_satisfy_the_equation():
     assert len(roots) >= 6
     s = roots[:, np.newaxis]
     rest = s + np.exp(-s * np.array(DELAYS)) @ [[a], [b]]
-    np.testing.assert_allclose(np.abs(rest), 0, atol=1e-9)
+    assert_allclose(np.abs(rest), 0, atol=1e-9)

@@ -1,6 +1,7 @@
 """Tests of numerics.differences."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.numerics.differences import differentiate
 
@@ -18,4 +19,4 @@ def test_jacobian():
         [3 * 0.3**2, 0.0],
     ]
     jacobian = differentiate(function, x0, steps)
-    np.testing.assert_allclose(jacobian, exact, atol=1e-12)
+    assert_allclose(jacobian, exact, atol=1e-12)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
@@ -91,7 +92,7 @@ def test_delays_stabilise_an_oscillator(inner):
             expected.append((leaves - inner, returns - inner))
     margins = margins_of(loop)
     assert len(expected) > 1
-    np.testing.assert_allclose(margins.stable_delays, expected, rtol=1e-8)
+    assert_allclose(margins.stable_delays, expected, rtol=1e-8)
     assert_bounds(loop, margins.stable_delays[:1], "delay")
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from step_rows import rows
 
 from teleop_drake.loops.numerics.bisection import bisect
@@ -16,7 +17,7 @@ def smooth(times):
 def test_a_place_is_found_to_the_last_digit():
     roots = np.array([0.1, 1 / 3, 0.999, 1.0])
     found = bisect(lambda x: x < roots, np.zeros(4), np.ones(4))
-    np.testing.assert_allclose(found, roots, rtol=1e-14)
+    assert_allclose(found, roots, rtol=1e-14)
 
 
 def test_cuts_change_no_signal_and_instants_that_are_one_cut_once():
@@ -27,15 +28,15 @@ def test_cuts_change_no_signal_and_instants_that_are_one_cut_once():
     known = [0.0, ends[3], ends[4] + 1e-12, ends[5] - 1e-12, 0.3 + 1e-13, 99.0]
     pieces = Pieces(times, steps, [*inner, *known])
     assert len(pieces.begin) == 40 + len(inner)
-    np.testing.assert_array_equal(pieces.begin[1:], pieces.end[:-1])
+    assert_array_equal(pieces.begin[1:], pieces.end[:-1])
     assert set(inner) <= {*pieces.end.tolist()}
     points = pieces.begin[:, None] + NODES * pieces.length[:, None]
     found = pieces.signal(smooth(times))
-    np.testing.assert_allclose(found, smooth(points), atol=2e-6)
+    assert_allclose(found, smooth(points), atol=2e-6)
     delayed = pieces.signal(smooth(times), 0.25)
     expected = smooth(points - 0.25) * (points >= 0.25)[..., None]
     is_inside = np.abs(points - 0.25) > 1e-9
-    np.testing.assert_allclose(delayed[is_inside], expected[is_inside], atol=3e-6)
+    assert_allclose(delayed[is_inside], expected[is_inside], atol=3e-6)
     span = pieces.between(0.3, 1.7)
     assert (pieces.begin[span.start], pieces.end[span.stop - 1]) == (0.3, 1.7)
 
@@ -46,7 +47,7 @@ def test_a_step_of_no_length_is_left_out():
     values = np.concatenate([np.zeros(5), np.linspace(0, 9, 5), np.ones(5)])
     pieces = Pieces(times, np.arange(15).reshape(3, 5))
     signal = pieces.signal(values[:, np.newaxis])
-    np.testing.assert_array_equal(signal[..., 0], [[0.0] * 5, [1.0] * 5])
+    assert_array_equal(signal[..., 0], [[0.0] * 5, [1.0] * 5])
 
 
 @pytest.mark.parametrize("degree", [1, 2, DEGREE])

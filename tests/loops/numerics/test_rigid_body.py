@@ -3,6 +3,7 @@
 import appendix_a
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.numerics.rigid_body import (
     RigidBodyTree,
@@ -60,7 +61,7 @@ def test_the_arm_of_appendix_a(gravity):
         M = appendix_a.M(q)
         C = appendix_a.C(q, v)
         expected = np.linalg.solve(M, tau - C @ v - weight)
-        np.testing.assert_allclose(v_dot, expected, rtol=1e-9, atol=1e-10)
+        assert_allclose(v_dot, expected, rtol=1e-9, atol=1e-10)
 
 
 def test_the_tool_of_appendix_a():
@@ -69,9 +70,9 @@ def test_the_tool_of_appendix_a():
     tree = Arm()
     motion = calc_motion(tree, q, v)
     p, J = calc_jacobian(tree, motion, 1, np.array([appendix_a.L3, 0.0, 0.0]))
-    np.testing.assert_allclose(p, [*appendix_a.p_WT(q), 0.0], rtol=1e-12)
-    np.testing.assert_allclose(J[3:5], appendix_a.J(q), rtol=1e-12)
-    np.testing.assert_array_equal(J[[0, 1, 2, 5]], [[0, 0], [0, 0], [1, 1], [0, 0]])
+    assert_allclose(p, [*appendix_a.p_WT(q), 0.0], rtol=1e-12)
+    assert_allclose(J[3:5], appendix_a.J(q), rtol=1e-12)
+    assert_array_equal(J[[0, 1, 2, 5]], [[0, 0], [0, 0], [1, 1], [0, 0]])
 
 
 def test_what_turns_evenly_falls_towards_the_axis():
@@ -85,7 +86,7 @@ def test_what_turns_evenly_falls_towards_the_axis():
     point = np.array([0.5, 0.0, 0.2])
     result = calc_bias_acceleration(motion, 0, point)
     expected = [0.0, 0.0, 0.0, -2.0 * np.cos(0.3), -2.0 * np.sin(0.3), 0.0]
-    np.testing.assert_allclose(result, expected, atol=1e-14)
+    assert_allclose(result, expected, atol=1e-14)
 
 
 def test_a_slide_falls_with_its_rotor_and_its_damping():

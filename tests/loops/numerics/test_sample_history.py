@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.numerics.sample_history import (
     EnoPolynomial,
@@ -23,7 +24,7 @@ def test_a_new_sample_does_not_move_what_is_delivered_now(steps):
         before = history.eval(time) if time > DELAY else None
         history = history.append(time + DELAY, value, now=time, spacing=DELAY / 1024)
         if before is not None:
-            np.testing.assert_array_equal(history.eval(time), before)
+            assert_array_equal(history.eval(time), before)
         time += step
 
 
@@ -38,7 +39,7 @@ def test_evaluating_it_changes_nothing():
         for ahead in (0.0, 0.01, 0.09):
             asked.eval(time + ahead)
     for time in (2.0, 2.03, 2.06):
-        np.testing.assert_array_equal(asked.eval(time), left_alone.eval(time))
+        assert_array_equal(asked.eval(time), left_alone.eval(time))
 
 
 def between(times, values, num=11):
@@ -65,14 +66,14 @@ def test_order_of_convergence():
 def test_a_jump_stays_a_jump():
     times = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.3, 1.7, 2.0])
     t, result = between(times, np.where(np.arange(9) < 5, times**2, 10 - times))
-    np.testing.assert_allclose(result[:4], t[:4] ** 2, atol=1e-8)
-    np.testing.assert_allclose(result[4:], 10 - t[4:], atol=1e-8)
+    assert_allclose(result[:4], t[:4] ** 2, atol=1e-8)
+    assert_allclose(result[4:], 10 - t[4:], atol=1e-8)
 
 
 def test_a_nonsmooth_point_does_not_ring():
     times = np.linspace(-1, 1, 21)
     t, result = between(times, np.abs(times))
-    np.testing.assert_allclose(result, np.abs(t), atol=1e-12)
+    assert_allclose(result, np.abs(t), atol=1e-12)
 
 
 def test_clustered_samples_do_not_amplify_rounding():
@@ -96,4 +97,4 @@ def test_a_nonsmooth_point_soon_after_a_jump_does_not_reach_back():
     values = np.array([0.00436, 0.00348, *[0.2] * 7, 0.17756, 0.15753, 0.13281])
     _, result = between(times, values)
     assert result.max() < 0.2 + 1e-12
-    np.testing.assert_allclose(result[1:7], 0.2, rtol=1e-12)
+    assert_allclose(result[1:7], 0.2, rtol=1e-12)

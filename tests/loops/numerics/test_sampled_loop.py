@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import signal
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -20,7 +21,7 @@ def check_roots(loop, expected):
     """Checks the roots of a loop; further roots at 0 are those of histories."""
     found = sorted(loop.roots(), key=abs, reverse=True)
     expected = sorted(np.roots(expected), key=abs, reverse=True)
-    np.testing.assert_allclose(
+    assert_allclose(
         np.sort_complex(found[: len(expected)]), np.sort_complex(expected), atol=1e-12
     )
     assert np.abs(found[len(expected) :]).max(initial=0.0) < 1e-6
@@ -122,7 +123,7 @@ def test_the_response_is_that_of_the_discretised_plant():
     z = np.exp(1j * 0.05 * w)
     expected = [-(C @ np.linalg.solve(x * np.eye(3) - A, B))[0, 0] for x in z]
     found = sampled_response(third_order(), [0], w)[:, 0, 0]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert_allclose(found, expected, atol=1e-12)
     # The magnitude is 1 where the phase margin is measured.
     margins = sampled_margins(third_order())
     assert np.degrees(margins.phase) == pytest.approx(31.5416, abs=1e-4)

@@ -4,6 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.numerics.state_space import minimal_realization, state_space
 
@@ -20,7 +21,7 @@ def test_frequency_response_of_a_known_filter():
     system = System([[0, 1], [-1, -0.2]], [[0], [1]], [[1, 0]], [[3.0]])
     w = np.array([0.0, 0.5, 1.0, 20.0])
     s = 1j * w
-    np.testing.assert_allclose(
+    assert_allclose(
         system.frequency_response(w)[:, 0, 0], 1 / (s**2 + 0.2 * s + 1) + 3, rtol=1e-13
     )
 
@@ -31,12 +32,12 @@ def test_on_a_pole_the_entries_in_which_it_appears_are_infinite():
     system = System(A, [[0.0], [1.0], [1.0]], [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     w = np.array([0.5, 1.0, 2.0])
     response = system.frequency_response(w)[:, :, 0]
-    np.testing.assert_allclose(response[:, 1], 1 / (1j * w + 1), rtol=1e-7)
+    assert_allclose(response[:, 1], 1 / (1j * w + 1), rtol=1e-7)
     assert np.isinf(response[1, 0])
-    np.testing.assert_allclose(response[[0, 2], 0], 1 / (1 - w[[0, 2]] ** 2))
+    assert_allclose(response[[0, 2], 0], 1 / (1 - w[[0, 2]] ** 2))
     beside = system.finite_response(w)[:, :, 0]
     assert np.isfinite(beside).all()
-    np.testing.assert_allclose(beside[[0, 2]], response[[0, 2]])
+    assert_allclose(beside[[0, 2]], response[[0, 2]])
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
@@ -62,7 +63,7 @@ def test_the_response_of_a_large_system_takes_little_memory():
         tracemalloc.stop()
     assert peak < 6e7
     expected = (1 / (1j * w[:, np.newaxis] - A.diagonal())).sum(axis=1)
-    np.testing.assert_allclose(response[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(response[:, 0, 0], expected, rtol=1e-12)
 
 
 def test_what_is_no_number_is_refused():
@@ -81,8 +82,8 @@ def test_cancelled_integrator_is_found():
             np.hstack([second.C, np.zeros((1, 2))]),
         )
         minimal, hidden = minimal_realization(cascade)
-        np.testing.assert_allclose(hidden, [0.0], atol=1e-10)
-        np.testing.assert_allclose(
+        assert_allclose(hidden, [0.0], atol=1e-10)
+        assert_allclose(
             np.sort_complex(np.linalg.eigvals(minimal.A)),
             np.sort_complex(
                 np.concatenate([np.roots([1, 0.2, 300]), [-25.0]]).astype(complex)
@@ -102,17 +103,15 @@ def test_hidden_modes_in_badly_scaled_and_mixed_coordinates():
     T = scale @ np.linalg.qr(random.normal(size=(5, 5)))[0]
     system = System(T @ A @ np.linalg.inv(T), T @ B, C @ np.linalg.inv(T))
     minimal, hidden = minimal_realization(system)
-    np.testing.assert_allclose(np.sort(hidden.real), [-7.0, 0.0, 0.5], atol=1e-6)
-    np.testing.assert_allclose(
-        np.sort(np.linalg.eigvals(minimal.A)), [-2.0, -1.0], rtol=1e-6
-    )
+    assert_allclose(np.sort(hidden.real), [-7.0, 0.0, 0.5], atol=1e-6)
+    assert_allclose(np.sort(np.linalg.eigvals(minimal.A)), [-2.0, -1.0], rtol=1e-6)
 
 
 def test_system_without_input_hides_everything():
     system = System([[-1.0]], np.zeros((1, 1)), [[1.0]])
     minimal, hidden = minimal_realization(system)
     assert minimal.num_states == 0
-    np.testing.assert_allclose(hidden, [-1.0])
+    assert_allclose(hidden, [-1.0])
 
 
 def test_matrices_are_copies_and_read_only():

@@ -1,6 +1,7 @@
 """Tests of recorded signals as piecewise polynomials."""
 
 import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.numerics.pieces import Pieces
 from teleop_drake.loops.numerics.step_polynomials import (
@@ -31,13 +32,13 @@ def test_a_quartic_is_exact_and_a_jump_stays_a_jump():
     query = np.array([-1.0, 0.0, 0.2, 0.5, 1.9, 2.0, 2.0 + 1e-9, 2.05, 9.0])
     inside = np.clip(query, 0, 2.1)
     result = interpolate(times, signals["x"], steps, query)[:, 0]
-    np.testing.assert_allclose(result, POWERS(inside) + 10 * (query > 2), rtol=1e-13)
+    assert_allclose(result, POWERS(inside) + 10 * (query > 2), rtol=1e-13)
     # At the rows the interpolation is exact to the last digit.
     rows = interpolate(times, signals["x"], steps, times[:9])
-    np.testing.assert_array_equal(rows, signals["x"][:9])
+    assert_array_equal(rows, signals["x"][:9])
     assert interpolate(times, signals["x"], steps, np.empty(0)).shape == (0, 1)
     single = interpolate(times[:1], signals["x"][:1], steps[:0], query)
-    np.testing.assert_array_equal(single, np.full((9, 1), signals["x"][0]))
+    assert_array_equal(single, np.full((9, 1), signals["x"][0]))
 
 
 def test_a_part_is_cut_within_its_steps(subtests):
@@ -49,8 +50,8 @@ def test_a_part_is_cut_within_its_steps(subtests):
             query = np.linspace(times[0], times[-1], 50)[1:]
             result = interpolate(times, signals["x"], steps, query)
             expected = interpolate(whole[0], whole[1]["x"], whole[2], query)
-            np.testing.assert_allclose(result, expected, rtol=1e-12)
-    np.testing.assert_array_equal(times, whole[0])
+            assert_allclose(result, expected, rtol=1e-12)
+    assert_array_equal(times, whole[0])
 
 
 def test_the_finite_part_ends_with_a_step(subtests):
@@ -71,7 +72,7 @@ def test_the_first_crossing_upwards_is_a_root():
     for sign in (1, -1):
         first = min(x for x in roots if sign * POWERS.deriv()(x) > 0)
         found = pieces.crossings(sign * y).upwards[0]
-        np.testing.assert_allclose(found, first, rtol=1e-12)
+        assert_allclose(found, first, rtol=1e-12)
 
 
 def test_products_are_integrated_exactly():
@@ -80,7 +81,7 @@ def test_products_are_integrated_exactly():
     integral = (POWERS * POWERS).integ()(times)
     length = np.ptp(times[steps], axis=1)
     expected = np.diff(integral[steps]) / length[:, np.newaxis]
-    np.testing.assert_allclose(integrate_product(y, y)[:, :, 0], expected, rtol=1e-10)
+    assert_allclose(integrate_product(y, y)[:, :, 0], expected, rtol=1e-10)
 
 
 def test_rows_without_steps_are_joined_by_straight_lines():
@@ -89,4 +90,4 @@ def test_rows_without_steps_are_joined_by_straight_lines():
     assert steps.tolist() == [[0, 1], [2, 3]] and DEGREE > 1
     values = np.array([[0.0], [2.0], [5.0], [9.0]])
     result = interpolate(times, values, steps, np.array([0.5, 1.0, 2.0]))
-    np.testing.assert_array_equal(result[:, 0], [1.0, 2.0, 7.0])
+    assert_array_equal(result[:, 0], [1.0, 2.0, 7.0])

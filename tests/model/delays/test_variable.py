@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -15,6 +16,7 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import Integrator, LogVectorOutput, Sine
 from scipy.optimize import brentq
 from sources import Step
+from wired import Wired
 
 from teleop_drake import simulate
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -124,11 +126,12 @@ def test_without_stops_the_integrator_finds_the_jump(name):
 
 @pytest.mark.parametrize("delay", [0.003, 0.2])
 def test_longer_steps_are_cut_even_without_anything_to_integrate(delay):
-    builder = DiagramBuilder()
-    source = builder.AddSystem(Sine(amplitude=1.0, frequency=3.0, phase=0.3, size=1))
-    dut = builder.AddSystem(TransportDelay(delay=delay, size=1))
-    builder.Connect(source.get_output_port(0), dut.get_input_port())
-    simulator = Simulator(builder.Build())
+    dut = TransportDelay(delay=delay, size=1)
+    diagram = Wired(
+        {"source": Sine(amplitude=1.0, frequency=3.0, phase=0.3, size=1), "dut": dut},
+        {"dut": "source.y0"},
+    )
+    simulator = Simulator(diagram)
     simulator.AdvanceTo(1.2345)
     context = dut.GetMyContextFromRoot(simulator.get_context())
     expected = math.sin(3.0 * (1.2345 - delay) + 0.3)
@@ -210,12 +213,11 @@ ACCURACY = {"drake": 1e-9, "compiled": 1e-11}
 
 def late_sine(profile):
     """Returns a Diagram of sin(3 t + 0.7) behind a delay."""
-    builder = DiagramBuilder()
-    source = builder.AddSystem(Sine(1.0, 3.0, 0.7, 1))
-    delay = builder.AddSystem(VariableDelay(profile, 1))
-    builder.Connect(source.get_output_port(0), delay.get_input_port())
-    builder.ExportOutput(delay.get_output_port(), "late")
-    return builder.Build()
+    return Wired(
+        {"source": Sine(1.0, 3.0, 0.7, 1), "delay": VariableDelay(profile, 1)},
+        {"delay": "source.y0"},
+        {"late": "delay"},
+    )
 
 
 @pytest.mark.mostly_slow
@@ -231,7 +233,7 @@ def test_a_run_that_begins_before_time_0_has_the_delay_of_the_profile(profile, e
     sent = times - profile(times)
     right = np.where(sent > -0.3, np.sin(3.0 * sent + 0.7), 0.0)
     late = recording.Interpolate("late", times)[:, 0]
-    np.testing.assert_allclose(late, right, atol=ACCURACY[engine])
+    assert_allclose(late, right, atol=ACCURACY[engine])
 
 
 @pytest.mark.parametrize("engine", ["drake", "compiled"])

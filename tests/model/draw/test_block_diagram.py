@@ -24,6 +24,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, MatrixGain, PassThrough
+from wired import Wired
 
 from teleop_drake.loops.draw import block_diagram as rendering
 from teleop_drake.loops.draw.block_diagram import DiagramDot, RenderSvg, WriteDiagram
@@ -49,33 +50,32 @@ class Actuator(LeafSystem):
 
 
 def _MakeMass() -> Diagram:
-    builder = DiagramBuilder()
-    balance = builder.AddNamedSystem("balance", Adder(2, 1))
-    velocity = builder.AddNamedSystem("velocity", Integrator(1))
-    damping = builder.AddNamedSystem("damping", Gain(-0.5, 1))
-    builder.Connect(balance.get_output_port(), velocity.get_input_port())
-    builder.Connect(velocity.get_output_port(), damping.get_input_port())
-    builder.Connect(damping.get_output_port(), balance.get_input_port(1))
-    builder.ExportInput(balance.get_input_port(0), "force")
-    builder.ExportOutput(velocity.get_output_port(), "response")
-    return builder.Build()
+    return Wired(
+        {"balance": Adder(2, 1), "velocity": Integrator(1), "damping": Gain(-0.5, 1)},
+        {"velocity": "balance", "damping": "velocity", "balance.u1": "damping"},
+        {"response": "velocity"},
+        inputs={"force": "balance.u0"},
+    )
 
 
 def MakeLoop() -> Diagram:
     """A loop of four parts, one of them a diagram and one written in Python."""
-    builder = DiagramBuilder()
-    command = builder.AddNamedSystem("command", Adder(2, 1))
-    actuator = builder.AddNamedSystem("actuator", Actuator())
-    mass = builder.AddNamedSystem("mass", _MakeMass())
-    sensor = builder.AddNamedSystem("sensor", PassThrough(1))
-    builder.Connect(command.get_output_port(), actuator.GetInputPort("demand"))
-    builder.Connect(actuator.GetOutputPort("push"), mass.GetInputPort("force"))
-    builder.Connect(mass.GetOutputPort("response"), sensor.get_input_port())
-    builder.Connect(sensor.get_output_port(), command.get_input_port(1))
-    builder.ExportInput(command.get_input_port(0), "reference")
-    builder.ExportOutput(mass.GetOutputPort("response"), "response")
-    builder.ExportOutput(sensor.get_output_port(), "position")
-    loop = builder.Build()
+    loop = Wired(
+        {
+            "command": Adder(2, 1),
+            "actuator": Actuator(),
+            "mass": _MakeMass(),
+            "sensor": PassThrough(1),
+        },
+        {
+            "actuator.demand": "command",
+            "mass.force": "actuator.push",
+            "sensor": "mass.response",
+            "command.u1": "sensor",
+        },
+        {"response": "mass.response", "position": "sensor"},
+        inputs={"reference": "command.u0"},
+    )
     loop.set_name("loop")
     return loop
 
@@ -111,13 +111,12 @@ def _Labels(svg: str) -> set[str]:
 
 
 def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
-    builder = DiagramBuilder()
-    first = builder.AddNamedSystem("first", Actuator())
-    second = builder.AddNamedSystem("second", PassThrough(1))
-    builder.Connect(first.GetOutputPort("push"), second.get_input_port())
-    builder.Connect(second.get_output_port(), first.GetInputPort("demand"))
-    builder.ExportOutput(second.get_output_port(), "result")
-    lines = DiagramDot(builder.Build()).splitlines()
+    diagram = Wired(
+        {"first": Actuator(), "second": PassThrough(1)},
+        {"second": "first.push", "first.demand": "second"},
+        {"result": "second"},
+    )
+    lines = DiagramDot(diagram).splitlines()
     assert lines[:6] == [
         "digraph _0 {",
         "rankdir=LR",
@@ -148,15 +147,11 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
 
 def test_no_wire_leaves_its_frame():
     """The first box and the last one have wires that turn beside them."""
-    builder = DiagramBuilder()
-    first = builder.AddNamedSystem("first", Adder(2, 1))
-    middle = builder.AddNamedSystem("middle", Integrator(1))
-    last = builder.AddNamedSystem("last", Gain(-1.0, 1))
-    builder.Connect(first.get_output_port(), middle.get_input_port())
-    builder.Connect(middle.get_output_port(), last.get_input_port())
-    builder.Connect(last.get_output_port(), first.get_input_port(0))
-    builder.Connect(middle.get_output_port(), first.get_input_port(1))
-    svg = RenderSvg(builder.Build(), max_depth=1)
+    diagram = Wired(
+        {"first": Adder(2, 1), "middle": Integrator(1), "last": Gain(-1.0, 1)},
+        {"middle": "first", "last": "middle", "first.u0": "last", "first.u1": "middle"},
+    )
+    svg = RenderSvg(diagram, max_depth=1)
     frame = re.search(r'0diagram</title>\s*<polygon [^>]*points="([^"]*)"', svg)[1]
     left, *_, right = sorted(float(x.split(",")[0]) for x in frame.split())
     wires = re.findall(r'<path [^>]*d="([^"]*)"', svg)
@@ -167,11 +162,8 @@ def test_no_wire_leaves_its_frame():
 
 def test_wires_of_vectors_have_their_widths():
     builder = DiagramBuilder()
-    inner = DiagramBuilder()
-    pair = inner.AddNamedSystem("pair", PassThrough(2))
-    inner.ExportInput(pair.get_input_port(), "u")
-    inner.ExportOutput(pair.get_output_port(), "y")
-    part = builder.AddNamedSystem("part", inner.Build())
+    diagram = Wired({"pair": PassThrough(2)}, {}, {"y": "pair"}, inputs={"u": "pair"})
+    part = builder.AddNamedSystem("part", diagram)
     sum_of_both = builder.AddNamedSystem("sum", MatrixGain(np.ones((1, 2))))
     last = builder.AddNamedSystem("last", PassThrough(1))
     builder.Connect(part.get_output_port(), sum_of_both.get_input_port())
@@ -223,7 +215,8 @@ def test_dot_text_is_the_same_in_every_build_and_process():
             "-c",
             "from test_block_diagram import *; print(end=DiagramDot(MakeLoop()))",
         ],
-        env=os.environ | {"PYTHONHASHSEED": seed},
+        env=os.environ
+        | {"PYTHONHASHSEED": seed, "PYTHONPATH": os.pathsep.join(sys.path)},
         cwd=os.path.dirname(__file__),
         capture_output=True,
         text=True,
@@ -391,9 +384,8 @@ def test_pdf_is_reproducible_and_has_letters_of_other_scripts(tmp_path):
     for name in ("a.pdf", "b.pdf"):
         WriteDiagram(MakeLoop(), tmp_path / name)
     assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("ψ", Gain(1.0, 1))
-    WriteDiagram(builder.Build(), tmp_path / "psi.pdf")
+    diagram = Wired({"ψ": Gain(1.0, 1)}, {})
+    WriteDiagram(diagram, tmp_path / "psi.pdf")
     # The standard fonts have no such letter, so the file brings a font along.
     assert b"+DejaVuSans" in (tmp_path / "psi.pdf").read_bytes()
 
@@ -484,12 +476,10 @@ def test_an_unstable_diagram_says_so_once():
 
 def test_margins_are_computed_at_the_context(tmp_path):
     """dx/dt = -k x tolerates pi/(2 k)."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator(1))
-    gain = builder.AddNamedSystem("gain", Gain(-5.0, 1))
-    builder.Connect(plant.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), plant.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired(
+        {"plant": Integrator(1), "gain": Gain(-5.0, 1)},
+        {"gain": "plant", "plant": "gain"},
+    )
     context = diagram.CreateDefaultContext()
     path = tmp_path / "map.svg"
     WriteDiagram(diagram, path, context=context, delay_margins=True)

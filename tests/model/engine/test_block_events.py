@@ -5,8 +5,8 @@ import gc
 import pstats
 from dataclasses import dataclass
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import (
     DiagramBuilder,
@@ -26,6 +26,7 @@ from pydrake.systems.primitives import (
     VectorLogSink,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake import simulate
 from teleop_drake.loops.engine.block_events import CheckEvents
@@ -140,12 +141,11 @@ BLOCKS = {
 
 def integrated(block):
     """Returns a diagram that integrates a constant 1."""
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
-    block = builder.AddNamedSystem("block", block)
-    builder.Connect(source.get_output_port(), block.get_input_port())
-    builder.ExportOutput(block.get_output_port(), "y")
-    return builder.Build()
+    return Wired(
+        {"source": ConstantVectorSource([1.0]), "block": block},
+        {"block": "source"},
+        {"y": "block"},
+    )
 
 
 @pytest.mark.mostly_slow
@@ -312,12 +312,7 @@ ENDINGS = {
 @pytest.mark.parametrize("declaration", ENDINGS)
 @pytest.mark.parametrize("sink", SINKS)
 def test_an_event_of_a_system_that_nothing_depends_on_is_executed(sink, declaration):
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", Integrator(1))
-    one = builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
-    watch = builder.AddNamedSystem("watch", SINKS[sink]())
-    builder.Connect(one.get_output_port(), source.get_input_port())
-    builder.Connect(source.get_output_port(), watch.get_input_port(0))
+    watch = SINKS[sink]()
 
     def EndAbove(context, *_):
         if watch.get_input_port(0).Eval(context)[0] > 0.5:
@@ -325,7 +320,11 @@ def test_an_event_of_a_system_that_nothing_depends_on_is_executed(sink, declarat
         return EventStatus.DidNothing()
 
     getattr(watch, declaration)(*ENDINGS[declaration], EndAbove)
-    recording = simulate(builder.Build(), duration=1.0)
+    diagram = Wired(
+        {"source": Integrator(1), "one": ConstantVectorSource([1.0]), "watch": watch},
+        {"source": "one", "watch": "source"},
+    )
+    recording = simulate(diagram, duration=1.0)
     assert recording.termination == "terminated"
     assert recording.time[-1] == pytest.approx(0.5, abs=0.11)
 
@@ -442,7 +441,7 @@ def test_a_control_law_with_a_dead_man_switch_lets_go():
     robot = diagram.GetSubsystemByName("robot")
     own = robot.GetMyContextFromRoot(simulator.get_context())
     velocity = robot.GetOutputPort("tool_velocity").Eval(own)
-    np.testing.assert_allclose(recording["tool_velocity"][-1], velocity, rtol=0.02)
+    assert_allclose(recording["tool_velocity"][-1], velocity, rtol=0.02)
 
 
 def test_the_garbage_collector_is_no_event():

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Sine, ZeroOrderHold
+from wired import Wired
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -198,13 +199,14 @@ LIMIT = {"limit": np.array([0.5])}
 
 @pytest.mark.parametrize("end, is_found", [(0.7, False), (1.5, True)])
 def test_a_kernel_is_checked_where_the_run_has_been(end, is_found):
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", Sine(1.0, 1.0, 0.0, True))
-    delay = builder.AddNamedSystem("delay", TransportDelay(delay=0.3, size=1))
-    limit = builder.AddNamedSystem("limit", Limit())
-    builder.Connect(source.get_output_port(0), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), limit.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "source": Sine(1.0, 1.0, 0.0, True),
+            "delay": TransportDelay(delay=0.3, size=1),
+            "limit": Limit(),
+        },
+        {"delay": "source.y0", "limit": "delay"},
+    )
     context = diagram.CreateDefaultContext()
     rest = {"end": end, "accuracy": 1e-6, "max_step": 0.1}
     run = CompiledRun(Evaluator(diagram, context), context, **rest)

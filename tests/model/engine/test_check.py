@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
+from wired import Wired
 
 from teleop_drake import simulate
 from teleop_drake.loops.engine.check import CompareTransitions, KernelDisagrees
@@ -74,12 +75,12 @@ class Sampler(LeafSystem):
 
 def run(block):
     """Simulates a block with the input 3 for 1.02 s."""
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", ConstantVectorSource([3.0]))
-    builder.AddNamedSystem("block", block)
-    builder.Connect(source.get_output_port(), block.get_input_port())
-    builder.ExportOutput(block.get_output_port(), "y")
-    return simulate(builder.Build(), duration=1.02)
+    diagram = Wired(
+        {"source": ConstantVectorSource([3.0]), "block": block},
+        {"block": "source"},
+        {"y": "block"},
+    )
+    return simulate(diagram, duration=1.02)
 
 
 @pytest.mark.parametrize("is_discrete", [True, False])
@@ -188,12 +189,12 @@ def test_an_input_that_has_the_name_of_a_word_is_explained():
     kernel = Kernel(
         outputs={"y": (twice, "state"), "z": (thrice, "state")}, rate="state"
     )
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource([5.0]))
-    block = builder.AddSystem(Doubled("state", kernel))
-    builder.Connect(source.get_output_port(), block.get_input_port())
-    builder.ExportOutput(block.GetOutputPort("y"), "y")
-    recording = simulate(builder.Build(), duration=1.0)
+    diagram = Wired(
+        {"source": ConstantVectorSource([5.0]), "block": Doubled("state", kernel)},
+        {"block": "source"},
+        {"y": "block.y"},
+    )
+    recording = simulate(diagram, duration=1.0)
     assert recording.solver.engine == "drake"
     assert recording["y"][-1] == 10.0
     assert '("input", "state")' in recording.notes[0]

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.controllers import PidController
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import (
     AffineSystem,
     ConstantVectorSource,
@@ -14,6 +15,7 @@ from pydrake.systems.primitives import (
     Saturation,
     Sine,
 )
+from wired import InSeries, Wired
 
 from teleop_drake import Compile, MakePage, simulate
 from teleop_drake.blocks import LayerConfig, LayeredForceField
@@ -28,18 +30,12 @@ SHORT = {"duration": 1.5}
 
 def driven(*systems, names):
     """Returns systems one after another, the first of which has sines as inputs."""
-    builder = DiagramBuilder()
-    sines = [Sine(2.0, 1.3, 0.4, 1), Sine(1.5, 0.7, 2.0, 1)]
     width = systems[0].get_input_port(0).size()
-    last = builder.AddNamedSystem("mux", Multiplexer([1] * width))
-    for i, sine in enumerate(sines[:width]):
-        builder.AddNamedSystem(f"sine{i}", sine)
-        builder.Connect(sine.get_output_port(0), last.get_input_port(i))
-    for name, system in zip(names, systems, strict=True):
-        builder.AddNamedSystem(name, system)
-        builder.Connect(last.get_output_port(0), system.get_input_port(0))
-        last = system
-    return builder.Build()
+    sines = {"sine0": Sine(2.0, 1.3, 0.4, 1), "sine1": Sine(1.5, 0.7, 2.0, 1)}
+    parts = {"mux": Multiplexer([1] * width)} | dict(list(sines.items())[:width])
+    parts |= zip(names, systems, strict=True)
+    waves = {f"mux.u{i}": f"sine{i}.y0" for i in range(width)}
+    return Wired(parts, waves | InSeries("mux", *names))
 
 
 def alone(system):
@@ -48,16 +44,15 @@ def alone(system):
 
 def controlled(**gains):
     """Returns x'' = u under a PID controller that follows a constant."""
-    builder = DiagramBuilder()
     plant = LinearSystem([[0, 1], [0, 0]], [[0], [1]], np.eye(2), np.zeros((2, 1)))
-    builder.AddNamedSystem("plant", plant)
-    pid = builder.AddNamedSystem("x", PidController(**gains))
-    aim = builder.AddNamedSystem("aim", ConstantVectorSource([1.0, 0.0]))
-    estimated = pid.get_input_port_estimated_state()
-    builder.Connect(plant.get_output_port(), estimated)
-    builder.Connect(aim.get_output_port(), pid.get_input_port_desired_state())
-    builder.Connect(pid.get_output_port_control(), plant.get_input_port())
-    return builder.Build()
+    return Wired(
+        {
+            "plant": plant,
+            "x": PidController(**gains),
+            "aim": ConstantVectorSource([1.0, 0.0]),
+        },
+        {"x.estimated_state": "plant", "x.desired_state": "aim", "plant": "x"},
+    )
 
 
 def pid(kp=(4.0,), ki=(0.5,), kd=(3.0,)):
@@ -97,7 +92,7 @@ def same_rows(one, other):
     assert one.solver.engine == other.solver.engine == "compiled"
     assert one.time.tobytes() == other.time.tobytes()
     for name in one:
-        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+        assert_array_equal(one[name], other[name], err_msg=name)
 
 
 @pytest.mark.parametrize(("make", "constants"), CASES)
@@ -119,7 +114,7 @@ def test_constants_are_among_the_named_parameters():
         "limit.max_value": [3.0],
     }
     source = NamedParameters(ConstantVectorSource([1.0, 2.0]))["value"].value
-    np.testing.assert_array_equal(source, [1.0, 2.0])
+    assert_array_equal(source, [1.0, 2.0])
 
 
 def test_a_controller_of_selected_states_has_no_constants():
@@ -155,16 +150,16 @@ def test_a_run_with_other_constants_has_no_final_context():
 
 def touching(k=1.0):
     """Returns a field whose tool is at 0.5 k m; a layer begins at 1 m."""
-    builder = DiagramBuilder()
     layer = LayerConfig(name="wall", start=1.0, stiffness=10.0)
-    field = builder.AddNamedSystem("field", LayeredForceField([layer], 1))
-    gain = builder.AddNamedSystem("x", Gain([k]))
-    place = builder.AddNamedSystem("place", ConstantVectorSource([0.5]))
-    speed = builder.AddNamedSystem("speed", ConstantVectorSource([0.0]))
-    builder.Connect(place.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), field.GetInputPort("tool_position"))
-    builder.Connect(speed.get_output_port(), field.GetInputPort("tool_velocity"))
-    return builder.Build()
+    return Wired(
+        {
+            "field": LayeredForceField([layer], 1),
+            "x": Gain([k]),
+            "place": ConstantVectorSource([0.5]),
+            "speed": ConstantVectorSource([0.0]),
+        },
+        {"x": "place", "field.tool_position": "x", "field.tool_velocity": "speed"},
+    )
 
 
 def test_the_initial_mode_follows_a_constant():

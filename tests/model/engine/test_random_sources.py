@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     FirstOrderLowPassFilter,
     RandomSource,
     ZeroOrderHold,
 )
+from wired import InSeries, Wired
 
 from teleop_drake import Compile, SampledSensor, simulate
 from teleop_drake.loops import TransportDelay
@@ -20,21 +21,14 @@ TIMES = np.linspace(0.0005, 0.9995, 300)
 
 def noisy():
     """Two sources of different periods; the first is delayed and filtered."""
-    builder = DiagramBuilder()
-    parts = [
-        RandomSource(RandomDistribution.kGaussian, 1, 0.03),
-        TransportDelay(0.05, 1),
-        FirstOrderLowPassFilter(0.1, 1),
-    ]
-    for name, part in zip(("noise", "delay", "filter"), parts, strict=True):
-        builder.AddNamedSystem(name, part)
-    builder.Connect(parts[0].get_output_port(), parts[1].get_input_port())
-    builder.Connect(parts[1].get_output_port(), parts[2].get_input_port())
-    pair = RandomSource(RandomDistribution.kUniform, 2, 0.25)
-    builder.AddNamedSystem("pair", pair)
-    for part in (*parts, pair):
-        builder.ExportOutput(part.get_output_port(), part.get_name())
-    return builder.Build()
+    parts = {
+        "noise": RandomSource(RandomDistribution.kGaussian, 1, 0.03),
+        "delay": TransportDelay(0.05, 1),
+        "filter": FirstOrderLowPassFilter(0.1, 1),
+        "pair": RandomSource(RandomDistribution.kUniform, 2, 0.25),
+    }
+    shown = {name: name for name in parts}
+    return Wired(parts, InSeries("noise", "delay", "filter"), shown)
 
 
 def begin(diagram, seed):
@@ -45,7 +39,7 @@ def begin(diagram, seed):
 
 def check_equal(one, other, times):
     for name in other:
-        np.testing.assert_allclose(
+        assert_allclose(
             one.Interpolate(name, times), other.Interpolate(name, times), atol=1e-9
         )
 
@@ -98,16 +92,9 @@ def held(period, hold_period):
         "sensor": SampledSensor(hold_period, [0.0]),
         "filter": FirstOrderLowPassFilter(0.1, 1),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-        builder.ExportOutput(part.get_output_port(0), name)
-    noise = parts["noise"].get_output_port()
-    builder.Connect(noise, parts["hold"].get_input_port())
-    builder.Connect(noise, parts["sensor"].get_input_port())
-    hold = parts["hold"].get_output_port()
-    builder.Connect(hold, parts["filter"].get_input_port())
-    return builder.Build()
+    connections = {"hold": "noise", "sensor": "noise", "filter": "hold"}
+    shown = {name: name for name in parts} | {"sensor": "sensor.sample"}
+    return Wired(parts, connections, shown)
 
 
 PERIODS = [(0.1, 0.1), (0.04, 0.05), (0.05, 0.1), (0.1, 0.05)]
@@ -142,12 +129,12 @@ def test_what_samples_a_draw_at_its_instant_reads_what_drake_does(period, hold_p
         assert run.solver.engine == engine
         for name, values in drake.items():
             found = run.Interpolate(name, times)
-            np.testing.assert_allclose(found, values, atol=1e-6, err_msg=name)
+            assert_allclose(found, values, atol=1e-6, err_msg=name)
     # The first sample, by its definition.
     first = drake["noise"][0]
     before = diagram.GetOutputPort("noise").Eval(context)
-    np.testing.assert_array_equal(drake["hold"][0], first)
-    np.testing.assert_array_equal(drake["sensor"][0], before)
+    assert_array_equal(drake["hold"][0], first)
+    assert_array_equal(drake["sensor"][0], before)
 
 
 @pytest.mark.parametrize(("period", "hold_period"), PERIODS)
@@ -168,7 +155,7 @@ def test_two_halves_of_a_held_draw_are_the_whole(period, hold_period, latter):
     )
     for name, values in drake.items():
         found = second.Interpolate(name, times)
-        np.testing.assert_allclose(found, values, atol=1e-6, err_msg=name)
+        assert_allclose(found, values, atol=1e-6, err_msg=name)
 
 
 def squared(noise):
@@ -188,12 +175,8 @@ class Squared(KernelBlock):
 
 
 def test_each_run_of_a_users_own_block_has_the_draws_from_the_start():
-    builder = DiagramBuilder()
     noise = RandomSource(RandomDistribution.kGaussian, 1, 0.1)
-    builder.AddNamedSystem("noise", noise)
-    own = builder.AddNamedSystem("own", Squared())
-    builder.Connect(noise.get_output_port(), own.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired({"noise": noise, "own": Squared()}, {"own": "noise"})
     context = begin(diagram, 5)
     program = Compile(diagram, context=context, duration=1.0)
     drake = simulate(diagram, context=context, duration=1.0, engine="drake")

@@ -7,6 +7,7 @@ import types
 import numpy as np
 import pytest
 from block_checks import Gains
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
@@ -48,7 +49,7 @@ def AssertSame(law, constants, samples):
         assert fast._run is not fast.law
         assert result.shape == expected.shape
         scale = max(np.max(np.abs(expected)), 1.0)
-        np.testing.assert_allclose(result, expected, rtol=0, atol=1e-12 * scale)
+        assert_allclose(result, expected, rtol=0, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +118,7 @@ def test_whole_numbers_as_arguments_are_numbers():
     law = CompiledLaw(lambda n, x, y: n * x + y, 2)
     for arguments in ((np.array([1, 2]), 3), (np.array([0.5, 0.25]), 0.125)):
         x, y = arguments
-        np.testing.assert_array_equal(law(*arguments), 2 * x + y)
+        assert_array_equal(law(*arguments), 2 * x + y)
 
 
 LIMIT = 4.0
@@ -298,5 +299,5 @@ def test_threads_do_not_share_what_they_work_with():
 
 def test_a_law_may_have_no_arguments():
     law = CompiledLaw(lambda: np.array([2.0, LIMIT]))
-    np.testing.assert_array_equal(law(), [2.0, LIMIT])
+    assert_array_equal(law(), [2.0, LIMIT])
     assert law._run is not law.law

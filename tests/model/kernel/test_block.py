@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from block_checks import Feedthrough
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.systems.framework import BasicVector, DiagramBuilder
+from pydrake.systems.framework import BasicVector
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
+from wired import Wired
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.loops.kernel import Delay, Kernel, KernelBlock, times
@@ -158,15 +160,16 @@ def inverted(x, u):
 
 def test_drake_linearises_kernel_blocks_exactly():
     """Two in a row, against closed forms; NumPy's inv knows no AutoDiffXd."""
-    builder = DiagramBuilder()
-    first = builder.AddNamedSystem("first", Pendulum(g=3.0))
-    parts = builder.AddNamedSystem("parts", Demultiplexer([1, 1]))
-    second = builder.AddNamedSystem("second", Pendulum(g=5.0))
-    builder.Connect(first.get_output_port(), parts.get_input_port())
-    builder.Connect(parts.get_output_port(1), second.get_input_port())
-    builder.ExportInput(first.get_input_port(), "u")
-    builder.ExportOutput(second.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "first": Pendulum(g=3.0),
+            "parts": Demultiplexer([1, 1]),
+            "second": Pendulum(g=5.0),
+        },
+        {"parts": "first", "second": "parts.y1"},
+        {"y": "second"},
+        inputs={"u": "first"},
+    )
     context = diagram.CreateDefaultContext()
     a, b, c, d = x = np.array([0.4, -0.7, -0.2, 1.1])
     context.SetContinuousState(x)
@@ -175,15 +178,15 @@ def test_drake_linearises_kernel_blocks_exactly():
     # y = [1/a, (u - b/a)/2] of each, and u = y1 of the first for the second.
     y1 = [b / (2 * a**2), -1 / (2 * a), 0, 0]
     slopes = -3 * (math.cos(a) * a + math.sin(a)), 5 * (math.cos(c) * c + math.sin(c))
-    np.testing.assert_allclose(
+    assert_allclose(
         linear.A(),
         [[0, 1, 0, 0], [slopes[0], 0, 0, 0], [0, 0, 0, 1], y1 + slopes[1] * EYE[2]],
         atol=1e-14,
     )
-    np.testing.assert_array_equal(linear.B(), [[0], [1], [0], [0.5]])
+    assert_array_equal(linear.B(), [[0], [1], [0], [0.5]])
     y = [-EYE[2] / c**2, (y1 + d / c**2 * EYE[2] - EYE[3] / c) / 2]
-    np.testing.assert_allclose(linear.C(), y, atol=1e-13)
-    np.testing.assert_array_equal(linear.D(), [[0], [0.25]])
+    assert_allclose(linear.C(), y, atol=1e-13)
+    assert_array_equal(linear.D(), [[0], [0.25]])
 
 
 def test_every_sort_of_term_converts():

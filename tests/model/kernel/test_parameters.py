@@ -5,9 +5,11 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, Sine
+from wired import Wired
 
 from teleop_drake import Compile, MakePage, simulate
 from teleop_drake.loops import LinearizePorts
@@ -21,18 +23,17 @@ from teleop_drake.model.scenario import LoadScenario, ScenarioError
 
 def loop():
     """Returns x' = u - x(t - 0.3)."""
-    builder = DiagramBuilder()
-    x = builder.AddNamedSystem("x", Integrator(1))
-    delay = builder.AddNamedSystem("sensor", TransportDelay(0.3, 1))
-    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
-    adder = builder.AddNamedSystem("adder", Adder(2, 1))
-    builder.Connect(x.get_output_port(), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), adder.get_input_port(0))
-    builder.Connect(adder.get_output_port(), x.get_input_port())
-    builder.ExportInput(adder.get_input_port(1), "u")
-    builder.ExportOutput(x.get_output_port(), "x")
-    return builder.Build()
+    return Wired(
+        {
+            "x": Integrator(1),
+            "sensor": TransportDelay(0.3, 1),
+            "gain": Gain(-1.0, 1),
+            "adder": Adder(2, 1),
+        },
+        {"sensor": "x", "gain": "sensor", "adder.u0": "gain", "x": "adder"},
+        {"x": "x"},
+        inputs={"u": "adder.u1"},
+    )
 
 
 def context_with_delay(diagram, delay):
@@ -138,14 +139,15 @@ def twice(u):
 
 @pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_a_delay_in_a_context_beside_an_own_block(delay):
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", Sine(1.0, 2.0, 0.0, 1))
-    late = builder.AddNamedSystem("late", TransportDelay(0.1, 1))
-    own = builder.AddNamedSystem("own", Own())
-    builder.Connect(source.get_output_port(0), late.get_input_port())
-    builder.Connect(late.get_output_port(), own.get_input_port())
-    builder.ExportOutput(own.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "source": Sine(1.0, 2.0, 0.0, 1),
+            "late": TransportDelay(0.1, 1),
+            "own": Own(),
+        },
+        {"late": "source.y0", "own": "late"},
+        {"y": "own"},
+    )
     context = diagram.CreateDefaultContext()
     SetNumbers(diagram, context, {"late.delay": delay})
     recording = simulate(diagram, context=context, duration=1.0)
@@ -289,7 +291,7 @@ def test_one_number_is_a_gain_times_the_identity():
     context = diagram.CreateDefaultContext()
     SetNumbers(diagram, context, {f"{law}.G1": 2.5, "environment.damping": 0.1})
     values = parameters.NamedParameters(diagram, context)
-    np.testing.assert_array_equal(values[f"{law}.G1"].value, 2.5 * np.eye(2))
+    assert_array_equal(values[f"{law}.G1"].value, 2.5 * np.eye(2))
     assert set(values["environment.damping"].value) == {0.1}
 
 

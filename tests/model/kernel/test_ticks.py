@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -13,6 +14,7 @@ from pydrake.systems.primitives import (
     Sine,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -92,19 +94,18 @@ def newest(h, time, start, *, is_before):
 def test_updates_at_one_instant_see_what_was_there_before(
     first, second, late, h_1, h_2, start, end
 ):
-    builder = DiagramBuilder()
-    sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
-    one = builder.AddNamedSystem("one", first(float(h_1)))
-    two = builder.AddNamedSystem("two", second(float(h_2)))
-    builder.Connect(sine.get_output_port(0), one.get_input_port())
-    builder.Connect(one.get_output_port(0), two.get_input_port())
+    one = first(float(h_1))
+    two = second(float(h_2))
     output = two.get_output_port()
     h_1, h_2, start, end = map(Fraction, (h_1, h_2, start, end))
     step = min(h_1, h_2)
     middles = [
         start + (k + Fraction(1, 2)) * step for k in range((end - start) // step)
     ]
-    diagram = builder.Build()
+    diagram = Wired(
+        {"sine": Sine(1.0, 3.0, 0.4, 1), "one": one, "two": two},
+        {"one": "sine.y0", "two": f"one.{one.get_output_port(0).get_name()}"},
+    )
     values = in_both_engines(diagram, output, float(start), [float(t) for t in middles])
     for t, pair in zip(middles, values, strict=True):
         sent = newest(h_2, t - late * h_2, start, is_before=False)
@@ -116,12 +117,13 @@ def test_updates_at_one_instant_see_what_was_there_before(
 
 
 def test_a_packet_without_delay_is_there_at_once():
-    builder = DiagramBuilder()
-    sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
-    channel = builder.AddNamedSystem("channel", network(0.1))
-    builder.Connect(sine.get_output_port(0), channel.get_input_port())
     times = [1e-9, 0.05]
-    pairs = in_both_engines(builder.Build(), channel.get_output_port(), 0.0, times)
+    channel = network(0.1)
+    diagram = Wired(
+        {"sine": Sine(1.0, 3.0, 0.4, 1), "channel": channel},
+        {"channel": "sine.y0"},
+    )
+    pairs = in_both_engines(diagram, channel.get_output_port(), 0.0, times)
     for pair in pairs:
         assert pair == pytest.approx((math.sin(0.4),) * 2, abs=1e-12)
 
@@ -129,27 +131,26 @@ def test_a_packet_without_delay_is_there_at_once():
 @pytest.mark.filterwarnings("ignore:.*no event is located")
 def test_a_sample_on_the_surface_is_contact():
     """The first sample of x = t behind 0.375 m is 0.5 m, to the last bit."""
-    builder = DiagramBuilder()
-    ramp = builder.AddNamedSystem("ramp", Integrator([0.0]))
-    encoder = builder.AddNamedSystem(
-        "encoder",
-        SampledSensor(sample_period=0.1, initial_value=[0.0], resolution=0.25),
-    )
     surface = Surface("contact", np.array([0.5]), np.array([1.0]))
-    operator = builder.AddNamedSystem(
-        "surgeon",
-        ConstantVelocityOperator(
-            velocity=[1.0], contact_force=[1.0], contact_surface=surface
-        ),
+    operator = ConstantVelocityOperator(
+        velocity=[1.0], contact_force=[1.0], contact_surface=surface
     )
-    builder.Connect(operator.GetOutputPort("velocity_command"), ramp.get_input_port())
-    builder.Connect(ramp.get_output_port(), encoder.get_input_port())
-    builder.Connect(
-        encoder.GetOutputPort("sample"), operator.GetInputPort("felt_position")
+    diagram = Wired(
+        {
+            "ramp": Integrator([0.0]),
+            "encoder": SampledSensor(
+                sample_period=0.1, initial_value=[0.0], resolution=0.25
+            ),
+            "surgeon": operator,
+            "force": ConstantVectorSource([0.0]),
+        },
+        {
+            "ramp": "surgeon.velocity_command",
+            "encoder": "ramp",
+            "surgeon.felt_position": "encoder.sample",
+            "surgeon.haptic_force": "force",
+        },
     )
-    force = builder.AddNamedSystem("force", ConstantVectorSource([0.0]))
-    builder.Connect(force.get_output_port(), operator.GetInputPort("haptic_force"))
-    diagram = builder.Build()
     times = [0.399, 0.401]
     modes = in_both_engines(diagram, operator.GetOutputPort("mode"), 0.0, times)
     assert list(modes) == [(0, 0), (1, 1)]
@@ -177,7 +178,7 @@ def test_a_step_that_ends_just_before_a_tick_has_both_sides_of_the_jump():
     times, samples = np.transpose(rows)
     jumps = np.flatnonzero((np.diff(samples) != 0) & (times[:-1] > 0))
     assert len(jumps) == 9
-    np.testing.assert_array_equal(times[jumps], times[jumps + 1])
+    assert_array_equal(times[jumps], times[jumps + 1])
 
 
 def test_ticks_near_and_after_a_time():

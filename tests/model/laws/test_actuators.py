@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.model.laws.actuators import (
     delivered_force,
@@ -18,7 +19,7 @@ def test_friction_far_from_its_speed_and_near_zero():
     v = np.array([-50.0, -1e-9, 0.0, 1e-9, 50.0])
     expected = [-0.3 - 10, -3e-8 - 2e-10, 0, 3e-8 + 2e-10, 0.3 + 10]
     force = delivered_force(np.array([0.3, 0.01, 0.2]), np.ones(5), v)
-    np.testing.assert_allclose(1 - force, expected, rtol=1e-6)
+    assert_allclose(1 - force, expected, rtol=1e-6)
 
 
 @given(st.floats(-10, 10), st.floats(0, 5), st.floats(1e-4, 1), st.floats(0, 5))
@@ -37,16 +38,16 @@ def test_friction_of_joints_is_the_published_one_and_creeps_at_rest():
     for sign, expected in ((1, -forward), (-1, backward)):
         v = sign * np.array([40.0, 50.0])
         tau = friction_torque(forward, backward, 0.01, v)
-        np.testing.assert_allclose(tau, expected, rtol=1e-6)
+        assert_allclose(tau, expected, rtol=1e-6)
     slope = friction_torque(forward, backward, 0.05, np.full(2, 1e-7)) / 1e-7
-    np.testing.assert_allclose(slope, [-1.5 / 0.05, -0.6 / 0.05], rtol=1e-5)
+    assert_allclose(slope, [-1.5 / 0.05, -0.6 / 0.05], rtol=1e-5)
 
 
 def test_quantized():
     values = np.array([-0.26, -0.25, 0.0, 0.24, 0.25, 1.0])
     expected = [-0.5, 0.0, 0.0, 0.0, 0.5, 1.0]
-    np.testing.assert_allclose(quantized(0.5, values), expected)
-    np.testing.assert_array_equal(quantized(0.0, values), values)
+    assert_allclose(quantized(0.5, values), expected)
+    assert_array_equal(quantized(0.0, values), values)
 
 
 def test_generators_are_exact():
@@ -69,7 +70,7 @@ def test_noise_is_normal_and_white():
         rows.append(normal)
     x = np.array(rows)
     moments = [np.mean(x), np.mean(x**2), np.mean(x**3), np.mean(x**4)]
-    np.testing.assert_allclose(moments, [0, 1, 0, 3], atol=0.15)
+    assert_allclose(moments, [0, 1, 0, 3], atol=0.15)
     assert abs(np.mean(x[1:] * x[:-1])) < 0.03
     assert abs(np.mean(x[:, 1:] * x[:, :-1])) < 0.03
 

@@ -10,6 +10,8 @@ from block_checks import Gains, backstepping_rate
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from independent_solver import Adaptive, AdaptiveLaw
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
@@ -188,74 +190,50 @@ def test_networks_of_position_and_velocity(n, seed):
     numbers = network.as_numbers()
     x = pack_state(state)
     _, Phi, Phi_dot, _, _ = known(gains, numbers, x, r, v, v_dd, F_e, F_hd)
-    np.testing.assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
+    assert_array_equal(Phi, network.evaluate(np.concatenate((r, v))))
     a = state.Psi @ (state.F_c - F_e)
     h = 1e-30j
     offsets = (
         np.concatenate((r + h * v, v + h * a)) - network.centres
     ) / network.widths
     expected = np.exp(-(offsets**2).sum(axis=1)).imag / h.imag
-    np.testing.assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
+    assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
     # The law is that of the identity above, with these basis functions.
     rate = backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd)
     x_dot = adaptive_rate(gains, numbers, x, r, v, v_dd, F_e, F_hd)
-    np.testing.assert_array_equal(x_dot, pack_state(rate))
+    assert_array_equal(x_dot, pack_state(rate))
 
 
+@pytest.mark.parametrize("n", [1, 2])
 @given(seed=seeds)
-def test_one_axis_is_chapter_4(seed):
+def test_the_law_is_that_of_the_independent_solver(n, seed):
+    """On one axis Psi is in [1, 3] and its limit 2, so that (4.53) is often active."""
     rng = np.random.default_rng(seed)
-    N = 3
-    # Psi is in [1, 3] and the limit is 2, so that the projection is often active.
-    gains = _random_gains(rng, 1, P=[[1.0]], Psi0=[[4.0]], Psi_min=2.0)
-    state = _random_state(rng, 1, N)
-    Phi = rng.uniform(0, 1, N)
-    Phi_dot = rng.normal(size=N)
-    v, v_dd, F_e, F_hd = rng.normal(size=(4, 1))
-    rate = backstepping_rate(
-        gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
+    limits = {"Psi0": [[4.0]], "Psi_min": 2.0} if n == 1 else {}
+    gains = _random_gains(rng, n, beta1=0.7, beta2=0.7, nu1=0.4, nu3=0.4, **limits)
+    basis = {"lower": [-1] * n, "upper": [1] * n, "count": [3] * n, "width": 0.8}
+    network = GaussianNetwork(**basis)
+    law = AdaptiveLaw(
+        Adaptive(
+            Lambda=gains.Lambda,
+            G1=gains.G1,
+            G2=gains.G2,
+            P=gains.P,
+            adaptation_rate=0.7,
+            third_rate=gains.beta3,
+            leakage=0.4,
+            supervision=gains.Upsilon,
+            initial_psi=gains.Psi0,
+            minimum_psi=gains.Psi_min,
+            **basis,
+        ),
+        gains.Psi0,
     )
-
-    # The scalar equations of chapter 4, with the sign of w3 corrected.
-    lam, g1, g2 = (float(x[0, 0]) for x in (gains.Lambda, gains.G1, gains.G2))
-    fc = float(state.F_c[0])
-    fe = float(F_e[0])
-    fh = float(F_hd[0])
-    w1 = state.W1[0].tolist()
-    w3 = state.W3[0].tolist()
-    psi = float(state.Psi[0, 0])
-    psi0 = float(gains.Psi0[0, 0])
-    phi = Phi.tolist()
-    phi_dot = Phi_dot.tolist()
-    s = float(v[0] - v_dd[0]) + lam * (fe - fh)  # (4.2)
-    y1 = sum(p * w for p, w in zip(phi, w1, strict=True))
-    y3 = sum(p * w for p, w in zip(phi, w3, strict=True))
-    alpha = fe - (y1 + g1 * s) / psi  # (4.23)
-    z = fc - alpha  # (4.18)
-    w1_dot = [
-        gains.beta1 * (p * (s + g1 * z / psi) - gains.nu1 * w)
-        for p, w in zip(phi, w1, strict=True)
-    ]
-    # (4.21), (4.42)
-    tau2 = s * (fc - fe)
-    eta2 = z * g1 * (fc - fe) / psi
-    a = tau2 + eta2 + gains.Upsilon * (psi0 - psi)
-    psi_dot = gains.beta2 * (0.0 if psi < gains.Psi_min and a < 0.0 else a)
-    w3_dot = [
-        gains.beta3 * (-p * z - gains.nu3 * w) for p, w in zip(phi, w3, strict=True)
-    ]
-    y1_dot = sum(
-        p * w_dot + p_dot * w
-        for p, p_dot, w, w_dot in zip(phi, phi_dot, w1, w1_dot, strict=True)
-    )
-    s_dot = psi * (fc - fe) + y1
-    alpha_dot = y3 + psi_dot * (y1 + g1 * s) / psi**2 - (y1_dot + g1 * s_dot) / psi
-    fc_dot = alpha_dot - psi * s - g2 * z  # (4.32)
-
-    np.testing.assert_allclose(rate.F_c, [fc_dot], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(rate.W1, [w1_dot], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(rate.Psi, [[psi_dot]], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(rate.W3, [w3_dot], rtol=1e-9, atol=1e-9)
+    x = pack_state(_random_state(rng, n, network.num_functions))
+    r, v, v_dd, F_e, F_hd = rng.normal(size=(5, n))
+    rate = adaptive_rate(gains, network.as_numbers(), x, r, v, v_dd, F_e, F_hd)
+    expected = law.rates(x, r, v, F_e, F_hd, v_dd)
+    assert_allclose(rate, expected, rtol=1e-9, atol=1e-9)
 
 
 def _at_the_limit(rng, n, num_at_limit, limit):
@@ -289,11 +267,11 @@ def test_projection_at_the_limit(seed, sizes):
     rate = (sigma_min(Psi + h * projected) - LIMIT) / h
     assert rate > -1e-4  # the second order in h
     if free_rate > 1e-3:  # the update does not shrink the singular value
-        np.testing.assert_allclose(projected, update, atol=1e-12)
+        assert_allclose(projected, update, atol=1e-12)
     # The removed part is orthogonal to the rest, and a second projection changes
     # nothing.
     assert np.sum(projected * (update - projected)) == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(project(Psi, projected, LIMIT_UP), projected, atol=1e-12)
+    assert_allclose(project(Psi, projected, LIMIT_UP), projected, atol=1e-12)
 
 
 @pytest.mark.parametrize("n", [2, 3])
@@ -306,7 +284,7 @@ def test_projection_takes_out_the_component_along_u_v(n, seed):
     v = Vt[-1]
     update = rng.normal(size=(n, n))
     expected = update - min(u @ update @ v, 0.0) * np.outer(u, v)
-    np.testing.assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
+    assert_allclose(project(Psi, update, LIMIT_UP), expected, atol=1e-12)
 
 
 @given(seed=seeds)
@@ -318,9 +296,7 @@ def test_projection_of_a_multiple_value_does_not_depend_on_its_basis(seed):
     symmetric = (Q.T @ update + update.T @ Q) / 2
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     expected = update - Q @ (vectors * np.minimum(eigenvalues, 0)) @ vectors.T
-    np.testing.assert_allclose(
-        project(LIMIT * Q, update, LIMIT_UP), expected, atol=1e-12
-    )
+    assert_allclose(project(LIMIT * Q, update, LIMIT_UP), expected, atol=1e-12)
 
 
 @example(psi=LIMIT, a=-1.0)
@@ -333,7 +309,7 @@ def test_projection_of_a_scalar_is_4_53(psi, a):
 def test_projection_is_inactive_above_the_limit():
     update = -10.0 * np.eye(2)
     projected = project(1.01 * LIMIT * np.eye(2), update, LIMIT)
-    np.testing.assert_array_equal(projected, update)
+    assert_array_equal(projected, update)
 
 
 @pytest.mark.parametrize("n", Slow([1, 2, 3], but=[1]))
@@ -380,7 +356,7 @@ def test_law_projects_and_supervises_psi(n, seed, margin):
     rate = backstepping_rate(
         gains, state, Phi=Phi, Phi_dot=0 * Phi, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         rate.Psi, gains.beta2 * project(Psi, update, LIMIT_UP), rtol=1e-9, atol=1e-9
     )
 

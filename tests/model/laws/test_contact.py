@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -116,7 +117,7 @@ def run(depth, time, creep=0.0):
 def force(creep, depth):
     F_e = solid_force(SOLID, creep, PLANE, at(depth))
     F_n = F_e @ NORMAL
-    np.testing.assert_allclose(F_e, F_n * NORMAL, atol=1e-14)
+    assert_allclose(F_e, F_n * NORMAL, atol=1e-14)
     return F_n
 
 
@@ -126,7 +127,7 @@ def test_a_step_relaxes():
     time = np.linspace(0, 2, 9)
     forces = [force(z, depth) for z in run(lambda t: depth, time)]
     expected = (k + k_1 * np.exp(-time / tau)) * depth
-    np.testing.assert_allclose(forces, expected, rtol=1e-8)
+    assert_allclose(forces, expected, rtol=1e-8)
 
 
 def test_the_surface_recovers_without_the_tool():
@@ -136,7 +137,7 @@ def test_the_surface_recovers_without_the_tool():
     creep = 0.01
     z = run(lambda t: -0.5, time, creep)[:, 0]
     slow = tau * (k + k_1) / k
-    np.testing.assert_allclose(z, creep * np.exp(-time / slow), rtol=1e-8)
+    assert_allclose(z, creep * np.exp(-time / slow), rtol=1e-8)
     surface = k_1 * creep / (k + k_1)
     assert force(np.array([creep]), surface) == pytest.approx(0, abs=1e-15)
     assert force(np.array([creep]), surface + 1e-4) == pytest.approx(1e-4 * (k + k_1))

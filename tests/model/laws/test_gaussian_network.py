@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.gaussian_network import (
     GaussianNetwork,
@@ -16,28 +17,26 @@ from teleop_drake.model.laws.gaussian_network import (
 
 def test_last_axis_of_the_lattice_varies_fastest():
     centres, spacing = equidistant_lattice([0.0, 10.0], [1.0, 30.0], [2, 3])
-    np.testing.assert_allclose(
-        centres, [[0, 10], [0, 20], [0, 30], [1, 10], [1, 20], [1, 30]]
-    )
-    np.testing.assert_allclose(spacing, [1.0, 10.0])
+    assert_allclose(centres, [[0, 10], [0, 20], [0, 30], [1, 10], [1, 20], [1, 30]])
+    assert_allclose(spacing, [1.0, 10.0])
 
 
 def test_axis_with_one_centre():
     centres, spacing = equidistant_lattice([0.0, -1.0], [1.0, 5.0], [2, 1])
-    np.testing.assert_allclose(centres, [[0, 2], [1, 2]])
-    np.testing.assert_allclose(spacing, [1.0, 6.0])
+    assert_allclose(centres, [[0, 2], [1, 2]])
+    assert_allclose(spacing, [1.0, 6.0])
 
 
 def test_values_of_one_axis():
     network = GaussianNetwork(lower=[0.0], upper=[2.0], count=[3], width=0.5)
     assert (network.num_inputs, network.num_functions) == (1, 3)
-    np.testing.assert_allclose(network.widths, [0.5])
+    assert_allclose(network.widths, [0.5])
     # (3.1) has no factor 1/2: at one width from the centre a function is 1/e.
-    np.testing.assert_allclose(
+    assert_allclose(
         network.evaluate(np.array([0.5])),
         [math.exp(-1.0), math.exp(-1.0), math.exp(-9.0)],
     )
-    np.testing.assert_allclose(network.evaluate(np.array([1.0]))[1], 1.0)
+    assert_allclose(network.evaluate(np.array([1.0]))[1], 1.0)
 
 
 def test_values_of_two_axes_by_hand():
@@ -50,7 +49,7 @@ def test_values_of_two_axes_by_hand():
         for x in (0.85, 1.0, 1.15)
         for y in (-0.15, 0.15)
     ]
-    np.testing.assert_allclose(network.evaluate(u), expected, rtol=1e-12)
+    assert_allclose(network.evaluate(u), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("m", [1, 3])
@@ -66,11 +65,11 @@ def test_rate_against_finite_differences(m, seed):
     u = rng.uniform(-2, 2, m)
     u_dot = rng.uniform(-3, 3, m)
     Phi, Phi_dot = gaussian_functions(u, u_dot, *network.as_numbers())
-    np.testing.assert_allclose(Phi, network.evaluate(u), rtol=1e-13)
+    assert_allclose(Phi, network.evaluate(u), rtol=1e-13)
     assert Phi.shape == (network.num_functions,)
     h = 1e-5
     difference = network.evaluate(u + h * u_dot) - network.evaluate(u - h * u_dot)
-    np.testing.assert_allclose(Phi_dot, difference / (2 * h), atol=1e-6)
+    assert_allclose(Phi_dot, difference / (2 * h), atol=1e-6)
 
 
 @pytest.mark.parametrize(

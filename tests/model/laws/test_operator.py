@@ -1,6 +1,7 @@
 """The law of a human at the goal; operators/test_human.py has transfer functions."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.operator import (
     HumanOperator,
@@ -28,6 +29,4 @@ def test_on_the_goal_nothing_changes():
     assert not rate_to_position(rest, time, felt, NOTHING, HUMAN).any()
     error = np.array([0.2, -0.3])
     state = np.concatenate([HUMAN.crossover * error, np.zeros(4), error])
-    np.testing.assert_allclose(
-        rate_to_velocity(state, felt, NOTHING, HUMAN), 0, atol=1e-16
-    )
+    assert_allclose(rate_to_velocity(state, felt, NOTHING, HUMAN), 0, atol=1e-16)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.piecewise_polynomial import (
     differentiate_pieces,
@@ -54,7 +55,7 @@ def test_no_path_through_the_points_has_less_jerk():
     points = np.array([[0.0, 0.0], [0.1, 0.3], [0.5, 0.1], [0.4, 0.0]])
     breaks, path = minimum_jerk_pieces(times, points)
     for k, point in enumerate(points[:-1]):
-        np.testing.assert_allclose(evaluate_pieces(times[k], breaks, path), point)
+        assert_allclose(evaluate_pieces(times[k], breaks, path), point)
     least = _SquaredJerk(breaks, path)
     # A variation that vanishes at all points and is at rest at both ends:
     # t^3 (t - 0.5) (t - 1.7) (t - 2)^3, a polynomial of degree 8.

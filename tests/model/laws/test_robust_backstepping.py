@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.backstepping import (
     BacksteppingGains,
@@ -215,7 +216,7 @@ def test_without_bounds_it_is_the_law_of_backstepping(n):
     x = pack_state(initial_state(case.gains, case.N))
     x = x + 0.1 * case.rng.normal(size=x.size)
     taken = (*case.Arrays(), x, r, v, v_dd, F_e, F_hd)
-    np.testing.assert_allclose(
+    assert_allclose(
         robust_rate(NONE, *taken),
         adaptive_rate(*taken),
         rtol=1e-12,
@@ -242,10 +243,10 @@ def test_a_puncture_raises_the_root_of_v2_by_no_more_than_stated(n, subtests):
             for F in (F_e, F_e + J):
                 error = robust_errors(b, *case.Arrays(), x, r, v, v_dd, F, F_hd)
                 s = error[:n]
-                np.testing.assert_allclose(error[n:], case.z(state, Phi, s, F))
+                assert_allclose(error[n:], case.z(state, Phi, s, F))
                 roots.append(np.sqrt(2 * case.V2(state, Phi, s, F)))
                 errors.append(error)
-            np.testing.assert_allclose((errors[1] - errors[0])[:n], gains.Lambda @ J)
+            assert_allclose((errors[1] - errors[0])[:n], gains.Lambda @ J)
             LJ = gains.Lambda @ J
             change = min(2 * b.rho1, b.rho1 * np.linalg.norm(gains.P @ LJ) / b.eps1)
             limit = (

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from step_rows import rows
 
 from teleop_drake.loops.numerics.pieces import NODES, Pieces
@@ -33,25 +34,25 @@ def dense():
 
 def test_extremes_are_those_of_the_polynomials():
     values = dense()
-    np.testing.assert_allclose(extremes(Y).max(), values.max(), rtol=1e-6)
-    np.testing.assert_allclose(extremes(Y).min(), values.min(), rtol=1e-6)
+    assert_allclose(extremes(Y).max(), values.max(), rtol=1e-6)
+    assert_allclose(extremes(Y).min(), values.min(), rtol=1e-6)
     # All components of a vector together; then the order of the values of a parabola.
     both = np.stack([Y, -Y], axis=-1)
     expected = values.max(), -values.min()
     found = extremes(both).max(axis=(0, 1))
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    assert_allclose(found, expected, rtol=1e-6)
     (found,) = extremes(16 * (NODES - 0.4)[np.newaxis] ** 2)
     expected = [2.56, 2.56, 0.36, 0.0, 0.16, 0.16, 1.96, 1.96, 5.76]
-    np.testing.assert_allclose(found, expected, atol=1e-11)
+    assert_allclose(found, expected, atol=1e-11)
 
 
 def test_variation_counts_what_jumps():
     steps = np.abs(np.diff(dense(), axis=1)).sum()
     jumps = np.abs(Y[1:, 0] - Y[:-1, -1]).sum()
-    np.testing.assert_allclose(variation(extremes(Y)), steps + jumps, rtol=1e-2)
+    assert_allclose(variation(extremes(Y)), steps + jumps, rtol=1e-2)
     t, places = rows(200, 4 * math.pi)
     y = np.sin(t)[places]
-    np.testing.assert_allclose(variation(extremes(y)), 8.0, rtol=1e-8)
+    assert_allclose(variation(extremes(y)), 8.0, rtol=1e-8)
     assert variation(extremes(np.full((3, 5), 0.1))) == 0.0
 
 
@@ -59,11 +60,11 @@ def test_rms_and_integral_are_exact():
     length = np.full(NUM, 1 / NUM)
     squares = [(p * p).integ() for p in POLYNOMIALS]
     expected = math.sqrt(np.mean([s(1) - s(0) for s in squares]))
-    np.testing.assert_allclose(rms(Y[..., None], length), [expected], rtol=1e-12)
+    assert_allclose(rms(Y[..., None], length), [expected], rtol=1e-12)
     found = integral(Y[..., None], length, np.array([3.0]))[..., 0]
     means = [p.integ()(1) - p.integ()(0) for p in POLYNOMIALS]
-    np.testing.assert_allclose(found[-1, -1], 3.0 + np.mean(means), rtol=1e-12)
-    np.testing.assert_allclose(found[1:, 0], found[:-1, -1], rtol=1e-12)
+    assert_allclose(found[-1, -1], 3.0 + np.mean(means), rtol=1e-12)
+    assert_allclose(found[1:, 0], found[:-1, -1], rtol=1e-12)
 
 
 def test_a_run_of_one_row_is_one_piece():

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.smoothing import (
     SAMPLES_PER_CYCLE,
@@ -18,7 +19,7 @@ TIMES = PERIOD * np.arange(600)
 def test_a_straight_line_has_its_slope_everywhere():
     values = np.column_stack([2.0 + 3.0 * TIMES, -TIMES])
     slopes = smoothed_derivative(values, PERIOD, 4.0)
-    np.testing.assert_allclose(slopes, np.tile([3.0, -1.0], (600, 1)), atol=1e-12)
+    assert_allclose(slopes, np.tile([3.0, -1.0], (600, 1)), atol=1e-12)
 
 
 @pytest.mark.parametrize("bandwidth", [1.0, 4.0, 1 / PERIOD / SAMPLES_PER_CYCLE])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from teleop_drake.model.laws.task_space import (
@@ -27,11 +28,11 @@ def test_the_posture_is_held_without_moving_the_tool(num_axes, num_joints):
     M, (q_0, q, v), _ = random_case(0, 3, num_joints)
     J = random_case(1, num_axes, num_joints)[1]
     tau = held_torque(GAINS, M, J, np.zeros(num_axes), q_0, q, v)
-    np.testing.assert_allclose(J @ np.linalg.solve(M, tau), 0, atol=1e-9)
+    assert_allclose(J @ np.linalg.solve(M, tau), 0, atol=1e-9)
     J_bar = np.linalg.solve(M, J.T) @ np.linalg.inv(J @ np.linalg.solve(M, J.T))
     tau_0 = M @ (49.0 * (q_0 - q) - 2 * 0.6 * 7.0 * v)
     expected = (np.eye(num_joints) - J.T @ J_bar.T) @ tau_0
-    np.testing.assert_allclose(tau, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(tau, expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("num_axes, num_joints", [(1, 6), (3, 8)])
@@ -45,9 +46,9 @@ def test_the_orientation_is_held_without_moving_the_tool(num_axes, num_joints):
     y = np.append(np.zeros(num_axes), orientation_goal(gains, R_0, R, J_w @ v))
     tau = held_torque(gains, M, np.vstack([J_v, J_w]), y, q_0, q, v)
     v_dot = np.linalg.solve(M, tau)
-    np.testing.assert_allclose(J_v @ v_dot, 0, atol=1e-9)
+    assert_allclose(J_v @ v_dot, 0, atol=1e-9)
     expected = -49.0 * turn - 2 * 0.6 * 7.0 * (J_w @ v)
-    np.testing.assert_allclose(J_w @ v_dot, expected, atol=1e-3)
+    assert_allclose(J_w @ v_dot, expected, atol=1e-3)
 
 
 def test_the_error_is_the_sine_of_the_angle_about_the_axis():
@@ -56,7 +57,7 @@ def test_the_error_is_the_sine_of_the_angle_about_the_axis():
     for angle in (0.0, 0.3, 1.5):
         R = Rotation.from_rotvec(angle * axis).as_matrix() @ R_0
         error = orientation_error(R_0, R)
-        np.testing.assert_allclose(error, np.sin(angle) * axis, atol=1e-12)
+        assert_allclose(error, np.sin(angle) * axis, atol=1e-12)
 
 
 @pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-4])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.laws.tracking import (
     TrackingGains,
@@ -59,7 +60,7 @@ def test_leakage_pulls_the_weights_to_zero():
     W = rng.normal(size=14)
     known = np.array([1, 0, 0, 1, 9, 9.0]), W, rng.uniform(size=7), rng.normal(size=2)
     pull = weights_rate(replace(GAINS, nu=0.25), *known) - weights_rate(GAINS, *known)
-    np.testing.assert_allclose(pull, -5.0 * 0.25 * W)
+    assert_allclose(pull, -5.0 * 0.25 * W)
 
 
 @pytest.mark.parametrize(
@@ -97,4 +98,4 @@ def test_the_coupled_disturbance_is_that_of_equation_3_8():
     first = 3.0 + 35.0 + 66.0 + 25.0
     second = 5.0 + 33.0 + 70.0 + 9.0
     F_e = coupled_disturbance(K, np.array([x, z]), np.array([x_dot, z_dot]))
-    np.testing.assert_allclose(F_e, [2 * first, first + 3 * second], rtol=1e-15)
+    assert_allclose(F_e, [2 * first, first + 3 * second], rtol=1e-15)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.model.laws.transfer_function import (
     all_pass_of_delay,
@@ -31,15 +32,13 @@ def test_realisation_has_the_transfer_function(numerator, denominator, num_axes)
     for s in POINTS:
         H = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
         expected = np.polyval(numerator, s) / np.polyval(denominator, s)
-        np.testing.assert_allclose(H, expected * np.eye(num_axes), atol=1e-13)
+        assert_allclose(H, expected * np.eye(num_axes), atol=1e-13)
 
 
 def test_states_of_one_axis_stand_together():
     A, B, _, _ = realize_transfer_function([25, 50], [1, 25, 0], num_axes=2)
-    np.testing.assert_array_equal(
-        A, [[0, 1, 0, 0], [0, -25, 0, 0], [0, 0, 0, 1], [0, 0, 0, -25]]
-    )
-    np.testing.assert_array_equal(B, [[0, 0], [1, 0], [0, 0], [0, 1]])
+    assert_array_equal(A, [[0, 1, 0, 0], [0, -25, 0, 0], [0, 0, 0, 1], [0, 0, 0, -25]])
+    assert_array_equal(B, [[0, 0], [1, 0], [0, 0], [0, 1]])
 
 
 @pytest.mark.parametrize(

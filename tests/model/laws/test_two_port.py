@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from phasors import TerminatedPort
 from scattering import delay_two_port, scattering_norm
 
@@ -15,15 +16,15 @@ def test_scattering_norm_of_a_raw_delay():
     T = 0.13
     matrix = delay_two_port(W, forward_delay=T, return_delay=T)
     expected = np.abs(np.tan(W * T)) + np.abs(1 / np.cos(W * T))
-    np.testing.assert_allclose(scattering_norm(matrix), expected, rtol=1e-9)
+    assert_allclose(scattering_norm(matrix), expected, rtol=1e-9)
     # However small the delay is, it is not passive: the norm is 1 + w T + ...
     assert scattering_norm(matrix[:1])[0] > 1
 
 
 def test_without_delay_the_channel_is_lossless():
     matrix = delay_two_port(W, forward_delay=0.0, return_delay=0.0)
-    np.testing.assert_allclose(scattering_norm(matrix), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(llewellyn(matrix), 1.0)
+    assert_allclose(scattering_norm(matrix), 1.0, rtol=1e-12)
+    assert_allclose(llewellyn(matrix), 1.0)
 
 
 def test_scattering_norm_of_a_dashpot():
@@ -40,7 +41,7 @@ def test_llewellyn_of_a_raw_delay_with_dampers():
     matrix = delay_two_port(W, forward_delay=0.2, return_delay=0.2)
     matrix[:, 0, 0] = 2.0
     matrix[:, 1, 1] = 0.5
-    np.testing.assert_allclose(llewellyn(matrix), 2 + np.cos(0.4 * W))
+    assert_allclose(llewellyn(matrix), 2 + np.cos(0.4 * W))
 
 
 def test_llewellyn_is_what_passive_loads_can_do():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from grids import Slow
-from late_wires import Case, PortOf, Wiring
+from late_wires import Case, Late, PortOf
 from pydrake.examples import PendulumPlant
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -22,6 +22,7 @@ from pydrake.systems.primitives import (
     SymbolicVectorSystem,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake import LoadScenario, MakeTeleoperator
 from teleop_drake.loops import DelayMargin, TransportDelay
@@ -32,132 +33,161 @@ from teleop_drake.loops.linear.delay_map import DelayMap, DelayMargins
 
 def MakePd(late):
     """A mass with a spring and a damper, whose velocity has two branches."""
-    w = Wiring(late)
-    total = w.Add("total", Adder(2, 1))
-    v = w.Add("v", Integrator(1))
-    x = w.Add("x", Integrator(1))
-    kp = w.Add("kp", Gain(-4.0, 1))
-    kd = w.Add("kd", Gain(-2.0, 1))
-    w.Connect(total, v)
-    w.Connect(v, x)
-    w.Connect(v, kd)
-    w.Connect(x, kp)
-    w.Connect(kp, total.get_input_port(0))
-    w.Connect(kd, total.get_input_port(1))
-    w.builder.ExportOutput(x.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "total": Adder(2, 1),
+            "v": Integrator(1),
+            "x": Integrator(1),
+            "kp": Gain(-4.0, 1),
+            "kd": Gain(-2.0, 1),
+        },
+        {
+            "v": "total",
+            "x": "v",
+            "kd": "v",
+            "kp": "x",
+            "total.u0": "kp",
+            "total.u1": "kd",
+        },
+        {"y": "x"},
+    )
 
 
 def MakeTwoDelays(late):
     """dx/dt = -x(t - 0.4) - 3 x(t - 0.1), and a lag outside of the loops."""
-    w = Wiring(late)
-    plant = w.Add("plant", Integrator(1))
-    total = w.Add("total", Adder(2, 1))
-    for i, (gain, delay) in enumerate(((-1.0, 0.4), (-3.0, 0.1))):
-        channel = w.Add(f"channel{i}", TransportDelay(delay, 1))
-        law = w.Add(f"law{i}", Gain(gain, 1))
-        w.Connect(plant, channel)
-        w.Connect(channel, law)
-        w.Connect(law, total.get_input_port(i))
-    w.Connect(total, plant)
-    lag = w.Add("lag", LinearSystem([[-1.0]], [[1.0]], [[1.0]]))
-    w.Connect(plant, lag)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "plant": Integrator(1),
+            "total": Adder(2, 1),
+            "channel0": TransportDelay(0.4, 1),
+            "law0": Gain(-1.0, 1),
+            "channel1": TransportDelay(0.1, 1),
+            "law1": Gain(-3.0, 1),
+            "lag": LinearSystem([[-1.0]], [[1.0]], [[1.0]]),
+        },
+        {
+            "channel0": "plant",
+            "law0": "channel0",
+            "total.u0": "law0",
+            "channel1": "plant",
+            "law1": "channel1",
+            "total.u1": "law1",
+            "plant": "total",
+            "lag": "plant",
+        },
+        {"y": "plant"},
+    )
 
 
 def MakeStateFeedback(late):
     """A double integrator whose state comes back on one wire, 0.1 s late."""
-    w = Wiring(late)
     A = [[0.0, 1.0], [0.0, 0.0]]
-    plant = w.Add("plant", LinearSystem(A, [[0.0], [1.0]], np.eye(2)))
-    sensor = w.Add("sensor", TransportDelay(0.1, 2))
-    law = w.Add("law", MatrixGain([[-4.0, -2.0]]))
-    w.Connect(plant, sensor)
-    w.Connect(sensor, law)
-    w.Connect(law, plant)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "plant": LinearSystem(A, [[0.0], [1.0]], np.eye(2)),
+            "sensor": TransportDelay(0.1, 2),
+            "law": MatrixGain([[-4.0, -2.0]]),
+        },
+        {"sensor": "plant", "law": "sensor", "plant": "law"},
+        {"y": "plant"},
+    )
 
 
 def MakeNested(late):
     """A controller in a Diagram of its own, whose input has two branches."""
-    w = Wiring(late)
-    plant = w.Add("plant", LinearSystem([[-1.0]], [[2.0]], [[1.0]]))
-    inner = w.Inner("controller")
-    gain = inner.Add("gain", Gain(-0.5, 1))
-    lag = inner.Add("lag", LinearSystem([[-3.0]], [[6.0]], [[-1.0]]))
-    deep = Wiring(late, "controller/actuator/")
-    total = deep.Add("total", Adder(2, 1))
-    motor = deep.Add("motor", LinearSystem([[-5.0]], [[5.0]], [[1.0]]))
-    deep.Connect(total, motor)
-    deep.Export("u0", total.get_input_port(0))
-    deep.Export("u1", total.get_input_port(1))
-    deep.builder.ExportOutput(motor.get_output_port(), "force")
-    actuator = inner.builder.AddSystem(deep.Build("actuator"))
-    inner.Connect(gain, actuator.GetInputPort("u0"))
-    inner.Connect(lag, actuator.GetInputPort("u1"))
-    inner.Export("y", gain.get_input_port(), lag.get_input_port())
-    inner.builder.ExportOutput(actuator.get_output_port(), "force")
-    controller = w.builder.AddSystem(inner.Build("controller"))
-    w.Connect(plant, controller)
-    w.Connect(controller, plant)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    actuator = Late(
+        late,
+        {"total": Adder(2, 1), "motor": LinearSystem([[-5.0]], [[5.0]], [[1.0]])},
+        {"motor": "total"},
+        {"force": "motor"},
+        inputs={"u0": "total.u0", "u1": "total.u1"},
+        path="controller/actuator/",
+    )
+    controller = Late(
+        late,
+        {
+            "gain": Gain(-0.5, 1),
+            "lag": LinearSystem([[-3.0]], [[6.0]], [[-1.0]]),
+            "actuator": actuator,
+        },
+        {"actuator.u0": "gain", "actuator.u1": "lag"},
+        {"force": "actuator"},
+        inputs={"y": "gain lag"},
+        path="controller/",
+    )
+    return Late(
+        late,
+        {
+            "plant": LinearSystem([[-1.0]], [[2.0]], [[1.0]]),
+            "controller": controller,
+        },
+        {"controller": "plant", "plant": "controller"},
+        {"y": "plant"},
+    )
 
 
 def MakeNeutral(late):
     """u = -0.5 u(t - 0.4) - 2 x, dx/dt = -x + u: part of the signal passes at once."""
-    w = Wiring(late)
-    plant = w.Add("plant", LinearSystem([[-1.0]], [[1.0]], [[1.0]]))
-    total = w.Add("total", Adder(2, 1))
-    echo = w.Add("echo", TransportDelay(0.4, 1))
-    half = w.Add("half", Gain(-0.5, 1))
-    law = w.Add("law", Gain(-2.0, 1))
-    w.Connect(total, plant)
-    w.Connect(total, echo)
-    w.Connect(echo, half)
-    w.Connect(half, total.get_input_port(0))
-    w.Connect(plant, law)
-    w.Connect(law, total.get_input_port(1))
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "plant": LinearSystem([[-1.0]], [[1.0]], [[1.0]]),
+            "total": Adder(2, 1),
+            "echo": TransportDelay(0.4, 1),
+            "half": Gain(-0.5, 1),
+            "law": Gain(-2.0, 1),
+        },
+        {
+            "plant": "total",
+            "echo": "total",
+            "half": "echo",
+            "total.u0": "half",
+            "law": "plant",
+            "total.u1": "law",
+        },
+        {"y": "plant"},
+    )
 
 
 def MakeTurning(late):
     """Two axes that are coupled by a rotation, on one wire."""
-    w = Wiring(late)
-    plant = w.Add("plant", Integrator(2))
-    turn = w.Add("turn", MatrixGain([[-1.0, 0.5], [-0.5, -1.0]]))
-    w.Connect(plant, turn)
-    w.Connect(turn, plant)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {"plant": Integrator(2), "turn": MatrixGain([[-1.0, 0.5], [-0.5, -1.0]])},
+        {"turn": "plant", "plant": "turn"},
+        {"y": "plant"},
+    )
 
 
 def MakeOscillator(late):
     """x'' + x = 0.3 x(t - 2), which the delay stabilises."""
-    w = Wiring(late)
     A = [[0.0, 1.0], [-1.0, 0.0]]
-    plant = w.Add("plant", LinearSystem(A, [[0.0], [1.0]], [[1.0, 0.0]]))
-    gain = w.Add("gain", Gain(0.3, 1))
-    delay = w.Add("delay", TransportDelay(2.0, 1))
-    w.Connect(plant, gain)
-    w.Connect(gain, delay)
-    w.Connect(delay, plant)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "plant": LinearSystem(A, [[0.0], [1.0]], [[1.0, 0.0]]),
+            "gain": Gain(0.3, 1),
+            "delay": TransportDelay(2.0, 1),
+        },
+        {"gain": "plant", "delay": "gain", "plant": "delay"},
+        {"y": "plant"},
+    )
 
 
 def MakePendulum(late):
     """Drake's pendulum, held upright by a law that receives its state."""
-    w = Wiring(late)
-    plant = w.Add("plant", PendulumPlant())
-    law = w.Add("law", AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi]))
-    w.Connect(plant, law)
-    w.Connect(law, plant)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "plant": PendulumPlant(),
+            "law": AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi]),
+        },
+        {"law": "plant", "plant": "law"},
+        {"y": "plant"},
+    )
 
 
 class Cubic(LeafSystem):
@@ -183,32 +213,32 @@ def CubicRate(x, u):
 
 def MakePython(late):
     """A user's LeafSystem with a gain and a constant, at rest at x = 0.5."""
-    w = Wiring(late)
-    plant = w.Add("plant", Cubic())
     # u = 3 x - 1.625, so that u = -x^3 at x = 0.5.
-    law = w.Add("law", AffineSystem(D=[[3.0]], y0=[-1.625]))
-    w.Connect(plant, law)
-    w.Connect(law, plant)
-    w.builder.ExportOutput(plant.get_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {"plant": Cubic(), "law": AffineSystem(D=[[3.0]], y0=[-1.625])},
+        {"law": "plant", "plant": "law"},
+        {"y": "plant"},
+    )
 
 
 def MakeCartPole(late):
     """Drake's cart-pole, upright, with a linear law behind a motor."""
-    w = Wiring(late)
     plant = MultibodyPlant(time_step=0.0)
     url = "package://drake/examples/multibody/cart_pole/cart_pole.sdf"
     Parser(plant).AddModelsFromUrl(url)
     plant.Finalize()
-    w.Add("plant", plant)
     K = np.array([[-3.2, 264.0, -9.3, 84.0]])
-    law = w.Add("law", AffineSystem(D=-K, y0=K @ [0.0, math.pi, 0.0, 0.0]))
-    motor = w.Add("motor", LinearSystem([[-200.0]], [[200.0]], [[1.0]]))
-    w.Connect(plant.get_state_output_port(), law)
-    w.Connect(law, motor)
-    w.Connect(motor, plant.get_actuation_input_port())
-    w.builder.ExportOutput(plant.get_state_output_port(), "y")
-    return w.Build()
+    return Late(
+        late,
+        {
+            "plant": plant,
+            "law": AffineSystem(D=-K, y0=K @ [0.0, math.pi, 0.0, 0.0]),
+            "motor": LinearSystem([[-200.0]], [[200.0]], [[1.0]]),
+        },
+        {"law": "plant.state", "motor": "law", "plant.actuation": "motor"},
+        {"y": "plant.state"},
+    )
 
 
 CASES = {
@@ -284,39 +314,39 @@ def test_the_diagram_is_linearised_once(monkeypatch):
 
 def MakeWithLaw(law, target):
     """Returns dx/dt = -2 x, with a law of x behind it that acts on x or on nothing."""
-    w = Wiring({})
-    plant = w.Add("plant", Integrator(1))
-    total = w.Add("total", Adder(2, 1))
-    gain = w.Add("gain", Gain(-2.0, 1))
-    w.Connect(plant, gain)
-    w.Connect(gain, total.get_input_port(0))
-    w.Connect(total, plant)
-    law = w.Add("law", law)
-    w.Connect(plant, law)
+    systems = {
+        "plant": Integrator(1),
+        "total": Adder(2, 1),
+        "gain": Gain(-2.0, 1),
+        "law": law,
+    }
+    connections = {
+        "gain": "plant",
+        "total.u0": "gain",
+        "plant": "total",
+        "law": "plant",
+    }
     if target == "plant":
-        w.Connect(law, total.get_input_port(1))
-        return w.Build()
-    still = w.Add("still", Gain(0.0, 1))
-    w.Connect(law, w.Add("sink", Gain(1.0, 1)))
-    w.Connect(gain, still)
-    w.Connect(still, total.get_input_port(1))
-    return w.Build()
+        return Wired(systems, connections | {"total.u1": "law"})
+    systems |= {"still": Gain(0.0, 1), "sink": Gain(1.0, 1)}
+    connections |= {"sink": "law", "still": "gain", "total.u1": "still"}
+    return Wired(systems, connections)
 
 
 @pytest.mark.slow
 def test_a_hold_in_the_loop():
     """2/(s (s + 1)(s + 2)) behind a hold of 0.05 s; a sink is in no loop."""
-    w = Wiring({})
     A = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -2.0, -3.0]]
     plant = LinearSystem(A, [[0.0], [0.0], [2.0]], [[1.0, 0.0, 0.0]])
-    plant = w.Add("plant", plant)
-    hold = w.Add("hold", ZeroOrderHold(0.05, 1))
-    gain = w.Add("gain", Gain(-1.0, 1))
-    w.Connect(plant, hold)
-    w.Connect(hold, gain)
-    w.Connect(gain, plant)
-    w.Connect(plant, w.Add("sink", Gain(1.0, 1)))
-    diagram = w.Build()
+    diagram = Wired(
+        {
+            "plant": plant,
+            "hold": ZeroOrderHold(0.05, 1),
+            "gain": Gain(-1.0, 1),
+            "sink": Gain(1.0, 1),
+        },
+        {"hold": "plant", "gain": "hold", "plant": "gain", "sink": "plant"},
+    )
     margins = DelayMargins(diagram, diagram.CreateDefaultContext())
     assert margins.pop("sink.u0") == math.inf
     assert list(margins.values()) == pytest.approx(3 * [14.69307 * 0.05], rel=1e-6)

@@ -102,7 +102,7 @@ def test_accepted_scenarios_complete_or_diverge(case):
 
 @pytest.mark.slow
 @given(odd_scenarios())
-@settings(max_examples=50)
+@settings(max_examples=25)
 def test_many_accepted_scenarios_complete_or_diverge(case):
     check(*case)
 

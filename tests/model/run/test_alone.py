@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from drake_systems import WITH_ARGUMENTS, FindClasses, FindSystems
+from numpy.testing import assert_allclose
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import LeafSystem, PortDataType, System
@@ -39,7 +40,7 @@ def check(system: System, engine: str = "auto"):
     assert (found.termination, right.termination) == ("completed", "completed")
     assert found.final_context.get_time() == pytest.approx(0.1, abs=1e-12)
     for signal in right:
-        np.testing.assert_allclose(
+        assert_allclose(
             found[signal][-1], right[signal][-1], rtol=1e-6, atol=1e-6, err_msg=signal
         )
 

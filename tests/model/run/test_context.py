@@ -1,10 +1,9 @@
 """Runs that begin at a given Context, or at the final Context of another run."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
 from pydrake.systems.analysis import (
@@ -29,6 +28,7 @@ from pydrake.systems.primitives import (
     SymbolicVectorSystem,
     ZeroOrderHold,
 )
+from wired import InSeries, Wired
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -57,22 +57,12 @@ def continued(diagram, first, **rest):
 
 def decay(delay: float | None = None) -> Diagram:
     """Returns x' = u - x, or x' = u - x(t - delay); the output x begins at 1."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
-    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
-    force = builder.AddNamedSystem("force", Adder(2, 1))
-    output = plant.get_output_port()
+    systems = {"plant": Integrator([1.0]), "minus": Gain(-1.0, 1), "force": Adder(2, 1)}
+    connections = {"minus": "plant", "force.u0": "minus", "plant": "force"}
     if delay is not None:
-        line = TransportDelay(delay=delay, size=1, initial_value=[1.0])
-        builder.AddNamedSystem("delay", line)
-        builder.Connect(output, line.get_input_port())
-        output = line.get_output_port()
-    builder.Connect(output, minus.get_input_port())
-    builder.Connect(minus.get_output_port(), force.get_input_port(0))
-    builder.ExportInput(force.get_input_port(1), "u")
-    builder.Connect(force.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
-    diagram = builder.Build()
+        systems["delay"] = TransportDelay(delay=delay, size=1, initial_value=[1.0])
+        connections |= InSeries("plant", "delay", "minus")
+    diagram = Wired(systems, connections, {"x": "plant"}, inputs={"u": "force.u1"})
     diagram.set_name("decay")
     return diagram
 
@@ -88,7 +78,7 @@ def test_a_run_begins_at_the_time_state_and_inputs_of_the_context(engine):
     assert recording.solver.engine == engine
     assert recording.time[[0, -1]].tolist() == [3.0, 4.5]
     exact = 2.0 - 1.75 * np.exp(3.0 - recording.time)
-    np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-7)
+    assert_allclose(recording["x"][:, 0], exact, atol=1e-7)
     # The Context of the caller has not changed.
     assert context.get_time() == 3.0
     assert context.get_continuous_state_vector().CopyToVector().tolist() == [0.25]
@@ -106,7 +96,7 @@ def test_numeric_parameters_are_those_of_the_context(engine):
     # Method of steps: x' = -1 until 0.5, then x' = -(1 - (t - 0.5)).
     s = recording.time - 0.5
     exact = np.where(s < 0, 0.5 - s, 0.5 - s + s**2 / 2)
-    np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-9)
+    assert_allclose(recording["x"][:, 0], exact, atol=1e-9)
 
 
 def test_an_open_input_is_refused_by_name_before_anything_else():
@@ -152,7 +142,7 @@ def test_two_halves_are_the_whole(delay, engines, inside):
     assert second.time[[0, -1]] == pytest.approx([0.9, 2.0], abs=1e-12)
     assert second["x"][-1] == pytest.approx(whole["x"][-1], abs=1e-9)
     times = np.linspace(0.9, 2.0, 111)
-    np.testing.assert_allclose(
+    assert_allclose(
         second.Interpolate("x", times), whole.Interpolate("x", times), atol=inside
     )
 
@@ -169,17 +159,9 @@ def loop_with_jumps():
         "back": VariableDelay(profile=profile, size=1),
         "minus": Gain(-2.0, 1),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-    names = list(parts)
-    for source, target in zip(names, [*names[1:], ""], strict=True):
-        output = parts[source].get_output_port(0)
-        into = parts[target].get_input_port(0) if target else None
-        builder.Connect(output, into or parts["sum"].get_input_port(1))
-    builder.ExportOutput(parts["plant"].get_output_port(), "x")
-    builder.ExportOutput(parts["there"].get_output_port(), "delayed")
-    return builder.Build()
+    loop = InSeries("sum", "there", "plant", "back", "minus", "sum.u1")
+    connections = {"hold": "sine.y0", "sum.u0": "hold"} | loop
+    return Wired(parts, connections, {"x": "plant", "delayed": "there"})
 
 
 @pytest.mark.mostly_slow
@@ -199,7 +181,7 @@ def test_jumps_under_way_arrive_in_the_second_half(split):
     for name, atol in (("x", 1e-8), ("delayed", 2e-6)):
         for part, run in ((last, whole), (again, longer)):
             inner = np.linspace(part.time[0], part.time[-1], 200)[1:-1] + 1e-6
-            np.testing.assert_allclose(
+            assert_allclose(
                 part.Interpolate(name, inner), run.Interpolate(name, inner), atol=atol
             )
     assert {x.solver.engine for x in (whole, first, last, again)} == {"compiled"}
@@ -239,11 +221,11 @@ def test_an_event_that_ends_a_run_is_reported_with_its_reason():
 
 
 def test_an_event_ends_a_run_with_delays_too():
-    builder = DiagramBuilder()
-    ender = builder.AddSystem(Ender())
-    delay = builder.AddSystem(TransportDelay(delay=0.05, size=1))
-    builder.Connect(ender.get_output_port(), delay.get_input_port())
-    recording = simulate(builder.Build(), duration=1.0)
+    diagram = Wired(
+        {"ender": Ender(), "delay": TransportDelay(delay=0.05, size=1)},
+        {"delay": "ender"},
+    )
+    recording = simulate(diagram, duration=1.0)
     assert (recording.termination, recording.reason) == ("terminated", "enough")
 
 
@@ -257,7 +239,7 @@ def test_a_bare_leaf_system_runs():
     simulator.get_mutable_context().SetAccuracy(1e-4)
     simulator.AdvanceTo(0.05)
     end = simulator.get_context().get_continuous_state_vector().CopyToVector()
-    np.testing.assert_allclose(recording["y0"][-1], end, atol=1e-12)
+    assert_allclose(recording["y0"][-1], end, atol=1e-12)
 
 
 def test_a_discrete_system_without_rates_runs():
@@ -268,7 +250,7 @@ def test_a_discrete_system_without_rates_runs():
     context = system.CreateDefaultContext()
     context.SetDiscreteState([1.0])
     recording = simulate(system, context=context, duration=0.35, engine="drake")
-    np.testing.assert_allclose(recording["y0"][-1], 0.5**4)
+    assert_allclose(recording["y0"][-1], 0.5**4)
 
 
 def test_unnamed_systems_are_called_by_their_class_and_numbered():
@@ -284,10 +266,8 @@ def test_unnamed_systems_are_called_by_their_class_and_numbered():
 
 
 def test_no_name_of_a_system_makes_it_a_teleoperator():
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("robot", Speed())
-    builder.AddNamedSystem("surgeon", Speed())
-    recording = simulate(builder.Build(), duration=0.1)
+    diagram = Wired({"robot": Speed(), "surgeon": Speed()}, {})
+    recording = simulate(diagram, duration=0.1)
     assert list(recording) == ["robot.tool_velocity", "surgeon.tool_velocity"]
 
 
@@ -322,13 +302,13 @@ def test_a_log_is_filled_by_a_compiled_run(period):
         found = log.FindLog(run.final_context)
         expected = log.FindLog(simulator.get_context())
         if period:
-            np.testing.assert_array_equal(found.sample_times(), expected.sample_times())
-            np.testing.assert_allclose(found.data(), expected.data(), atol=1e-14)
+            assert_array_equal(found.sample_times(), expected.sample_times())
+            assert_allclose(found.data(), expected.data(), atol=1e-14)
         else:
             own = run.time[run.time == found.sample_times()[-1]]
             assert own[-1] == end
             value = np.sin(2.0 * (found.sample_times()[-1] - 0.1) + 0.5)
-            np.testing.assert_allclose(found.data()[0, -1], value, atol=1e-14)
+            assert_allclose(found.data()[0, -1], value, atol=1e-14)
         context = run.final_context
 
 
@@ -338,26 +318,21 @@ def test_a_log_is_filled_by_a_compiled_run(period):
 @pytest.mark.parametrize("latter", ENGINES)
 def test_ticks_that_are_rounded_to_before_the_end_happen_once(split, former, latter):
     """In floating point 15 * 0.03 < 0.45, and the delay's echo comes before 0.5."""
-    builder = DiagramBuilder()
-    parts = [
-        Sine(1.0, 3.0, 0.2, 1),
-        DiscreteTimeIntegrator(1, 0.03),
-        TransportDelay(0.05, 1),
-        FirstOrderLowPassFilter(0.1, 1),
-    ]
-    for name, part in zip("udly", parts, strict=True):
-        builder.AddNamedSystem(name, part)
-        builder.ExportOutput(part.get_output_port(0), name)
-    for source, target in pairwise(parts):
-        builder.Connect(source.get_output_port(0), target.get_input_port())
-    diagram = builder.Build()
+    parts = {
+        "u": Sine(1.0, 3.0, 0.2, 1),
+        "d": DiscreteTimeIntegrator(1, 0.03),
+        "l": TransportDelay(0.05, 1),
+        "y": FirstOrderLowPassFilter(0.1, 1),
+    }
+    shown = {"u": "u.y0", "d": "d", "l": "l", "y": "y"}
+    diagram = Wired(parts, InSeries("u.y0", "d", "l", "y"), shown)
     whole = simulate(diagram, duration=1.0)
     first = simulate(diagram, duration=split, engine=former)
     rest = {"duration": 1.0 - split, "engine": latter}
     second = continued(diagram, first, **rest)
     times = np.linspace(split + 1e-3, 0.999, 100)
     for name in "dly":
-        np.testing.assert_allclose(
+        assert_allclose(
             second.Interpolate(name, times), whole.Interpolate(name, times), atol=1e-9
         )
 
@@ -372,17 +347,9 @@ def loop_with_packets(packets):
         "plant": Integrator([1.0]),
         "minus": Gain(-1.0, 1),
     }
-    builder = DiagramBuilder()
-    for name, part in parts.items():
-        builder.AddNamedSystem(name, part)
-    names = list(parts)
-    for source, target in pairwise(names):
-        into = parts[target].get_input_port(0)
-        builder.Connect(parts[source].get_output_port(0), into)
-    builder.Connect(parts["minus"].get_output_port(), parts["sum"].get_input_port(1))
-    builder.ExportOutput(parts["plant"].get_output_port(), "x")
-    builder.ExportOutput(packets.get_output_port(), "shown")
-    return builder.Build()
+    loop = InSeries("sum", "there", "plant", "minus", "sum.u1")
+    connections = {"delay": "sine.y0", "sum.u0": "delay"} | loop
+    return Wired(parts, connections, {"x": "plant", "shown": "there"})
 
 
 def lossy(receiver):
@@ -439,20 +406,21 @@ def test_packets_under_way_arrive_in_later_parts(make, split, former, latter):
     for part in parts:
         inner = np.linspace(part.time[0], part.time[-1], 50)[1:-1] + 1e-6
         for name in ("x", "shown"):
-            np.testing.assert_allclose(
+            assert_allclose(
                 part.Interpolate(name, inner), whole.Interpolate(name, inner), atol=1e-9
             )
 
 
 def test_packets_under_way_arrive_as_on_paper():
-    builder = DiagramBuilder()
-    source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
-    hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
-    plant = builder.AddSystem(Integrator(1))
-    builder.Connect(source.get_output_port(0), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "source": Sine(1.0, 2.0, 0.0, 1),
+            "hold": SampledDelay(size=1, delay=0.5, sample_period=0.3),
+            "plant": Integrator(1),
+        },
+        {"hold": "source.y0", "plant": "hold"},
+        {"x": "plant"},
+    )
     first = simulate(diagram, duration=0.9)
     second = continued(diagram, first, duration=1.1)
     assert {x.solver.engine for x in (first, second)} == {"compiled"}
@@ -490,11 +458,10 @@ class Late(LeafSystem):
 
 
 def test_a_run_without_final_context_has_a_note():
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource([1.0]))
-    late = builder.AddSystem(Late())
-    builder.Connect(source.get_output_port(), late.get_input_port())
-    recording = simulate(builder.Build(), duration=0.2)
+    diagram = Wired(
+        {"source": ConstantVectorSource([1.0]), "late": Late()}, {"late": "source"}
+    )
+    recording = simulate(diagram, duration=0.2)
     assert recording.solver.engine == "compiled"
     assert recording.final_context is None
     assert any("signals under way no Context stores" in x for x in recording.notes)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
+from wired import Wired
 
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.engine.known_programs import ForgetPrograms
@@ -79,7 +81,7 @@ def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, e
     assert changed.solver.engine == expected.solver.engine == engine
     assert set(changed) == set(expected)
     for name in expected:
-        np.testing.assert_allclose(
+        assert_allclose(
             changed[name][-1], expected[name][-1], rtol=1e-9, atol=1e-12, err_msg=name
         )
     # The number has an effect.
@@ -92,14 +94,12 @@ def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, e
 
 def late_growth():
     """Returns x' = x(t - T) with the history 1; T is 0.5 s in the default Context."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator(1))
     delay = TransportDelay(delay=0.5, size=1, initial_value=[1.0])
-    builder.AddNamedSystem("late", delay)
-    builder.Connect(plant.get_output_port(), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
-    return builder.Build()
+    return Wired(
+        {"plant": Integrator(1), "late": delay},
+        {"late": "plant", "plant": "late"},
+        {"x": "plant"},
+    )
 
 
 def exact(start, delay, time):
@@ -117,7 +117,7 @@ def test_a_compiled_system_runs_with_the_numbers_of_its_context_and_with_others(
         recording = program.Run(**numbers)
         assert recording.solver.engine == "compiled"
         expected = exact(2.0, delay, recording.time)
-        np.testing.assert_allclose(recording["x"][:, 0], expected, atol=1e-9)
+        assert_allclose(recording["x"][:, 0], expected, atol=1e-9)
     assert program.Run(duration=0.3).time[-1] == 0.3
     assert context.get_time() == 0.0
 
@@ -138,7 +138,7 @@ def test_what_runs_of_a_compiled_system_share_is_made_once(monkeypatch):
     assert ends == [0.8, 0.3, 0.8]
     assert [recording.time[-1] for recording in recordings] == list(durations)
     first, *_, last = (recording["x"] for recording in recordings)
-    np.testing.assert_array_equal(first, last)
+    assert_array_equal(first, last)
 
 
 def test_a_compiled_system_refuses_unknown_names():
@@ -303,17 +303,21 @@ def test_a_program_for_other_numbers_is_kept(traced):
 
 def relay_loop():
     """Returns x = 2 - x(t - T), which has no program at T = 0."""
-    builder = DiagramBuilder()
-    one = builder.AddNamedSystem("one", ConstantVectorSource([2.0]))
-    late = builder.AddNamedSystem("late", TransportDelay(0.5, 1))
-    difference = builder.AddNamedSystem("difference", Adder(2, 1))
-    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
-    builder.Connect(one.get_output_port(), difference.get_input_port(0))
-    builder.Connect(late.get_output_port(), minus.get_input_port())
-    builder.Connect(minus.get_output_port(), difference.get_input_port(1))
-    builder.Connect(difference.get_output_port(), late.get_input_port())
-    builder.ExportOutput(difference.get_output_port(), "x")
-    return builder.Build()
+    return Wired(
+        {
+            "one": ConstantVectorSource([2.0]),
+            "late": TransportDelay(0.5, 1),
+            "difference": Adder(2, 1),
+            "minus": Gain(-1.0, 1),
+        },
+        {
+            "difference.u0": "one",
+            "minus": "late",
+            "difference.u1": "minus",
+            "late": "difference",
+        },
+        {"x": "difference"},
+    )
 
 
 def test_a_number_without_a_program_is_refused_in_plain_words():

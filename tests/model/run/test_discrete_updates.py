@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
@@ -74,7 +75,7 @@ def test_a_held_signal_is_delayed_exactly(engine, period):
     inside = np.arange(DELAY + 0.0011, END, 0.0013)
     k = np.floor((inside - DELAY) / period).astype(int)
     delayed = recording.Interpolate("y1", inside)[:, 0]
-    np.testing.assert_allclose(delayed, samples[k], atol=1e-12)
+    assert_allclose(delayed, samples[k], atol=1e-12)
     exact = samples @ np.diff([*times, END])
     assert recording["y2"][-1, 0] == pytest.approx(exact, abs=1e-9)
 
@@ -102,7 +103,7 @@ def test_an_own_block_counts_each_instant_once():
     assert recording["y0"][-1, 0] == 50
     times = np.arange(0.0163, 0.99, 0.0019)
     counts = np.floor((times - 0.015) / 0.02) + 1
-    np.testing.assert_allclose(recording.Interpolate("y1", times)[:, 0], counts)
+    assert_allclose(recording.Interpolate("y1", times)[:, 0], counts)
 
 
 def counted(mode, places):
@@ -128,7 +129,7 @@ def test_a_block_with_two_discrete_periods_is_delayed_exactly(engine):
     recording = simulate(diagram, duration=0.6, engine=engine)
     times = np.arange(0.0163, 0.6, 0.0019)
     counts = [np.floor((times - 0.015) / h) + 1 for h in periods.values()]
-    np.testing.assert_allclose(recording.Interpolate("y1", times).T, counts)
+    assert_allclose(recording.Interpolate("y1", times).T, counts)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -180,4 +181,4 @@ def test_a_packet_just_before_a_sample_is_seen_by_it(engine, early):
     times = 0.05 + 0.1 * np.arange(2, 9)
     exact = np.sin(FREQUENCY * 0.1 * np.arange(7) + 0.4)
     seen = recording.Interpolate("y1", times)[:, 0]
-    np.testing.assert_allclose(seen, exact, atol=1e-12)
+    assert_allclose(seen, exact, atol=1e-12)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.primitives import Demultiplexer, Integrator, LinearSystem
+from wired import Wired
 
 from teleop_drake import HuntCrossleyConfig, LoadRecording, simulate
 from teleop_drake.loops.kernel import FixedBlock, Kernel, Transition
@@ -40,17 +41,10 @@ def MakeRelay():
         outputs={"u": 1},
         mode=(0.0,),
     )
-    builder = DiagramBuilder()
-    relay = builder.AddNamedSystem("relay", relay)
-    builder.ExportInput(relay.get_input_port(), "x")
-    builder.ExportOutput(relay.get_output_port(), "u")
-    inner = builder.Build()
-    builder = DiagramBuilder()
-    inner = builder.AddNamedSystem("law", inner)
-    plant = builder.AddNamedSystem("plant", Integrator(1))
-    builder.Connect(inner.get_output_port(), plant.get_input_port())
-    builder.Connect(plant.get_output_port(), inner.get_input_port())
-    return builder.Build()
+    inner = Wired({"relay": relay}, {}, {"u": "relay"}, inputs={"x": "relay"})
+    return Wired(
+        {"law": inner, "plant": Integrator(1)}, {"plant": "law", "law": "plant"}
+    )
 
 
 @ENGINES
@@ -59,25 +53,29 @@ def test_guards_are_events_by_the_names_of_their_transitions(engine):
     recording = simulate(MakeRelay(), duration=2.5, engine=engine)
     assert {event.name for event in recording.events} == {"law/relay.switches"}
     times = recording.EventTimes("law/relay.switches")
-    np.testing.assert_allclose(times, [0.5, 1.5], atol=1e-6)
+    assert_allclose(times, [0.5, 1.5], atol=1e-6)
 
 
 @ENGINES
 def test_a_wall_that_is_touched_is_an_event(engine):
     """Its position is no recorded signal."""
     wall = HuntCrossleyConfig(start=0.1, stiffness=1e4, direction=[1.0])
-    builder = DiagramBuilder()
     rates = np.array([[0.0, 1.0], [0.0, 0.0]])
     mass = LinearSystem(rates, [[0.0], [-1.0]], np.eye(2), np.zeros((2, 1)))
-    mass = builder.AddNamedSystem("mass", mass)
-    split = builder.AddNamedSystem("split", Demultiplexer(2))
-    wall = builder.AddNamedSystem("wall", wall.MakeEnvironment(np.zeros(1)))
-    builder.Connect(mass.get_output_port(), split.get_input_port())
-    builder.Connect(split.get_output_port(0), wall.GetInputPort("tool_position"))
-    builder.Connect(split.get_output_port(1), wall.GetInputPort("tool_velocity"))
-    builder.Connect(wall.get_output_port(), mass.get_input_port())
-    builder.ExportOutput(mass.get_output_port(), "state")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "mass": mass,
+            "split": Demultiplexer(2),
+            "wall": wall.MakeEnvironment(np.zeros(1)),
+        },
+        {
+            "split": "mass",
+            "wall.tool_position": "split.y0",
+            "wall.tool_velocity": "split.y1",
+            "mass": "wall",
+        },
+        {"state": "mass"},
+    )
     context = diagram.CreateDefaultContext()
     context.SetContinuousState([0.0, 0.5])
     recording = simulate(diagram, context=context, duration=1.0, engine=engine)
@@ -90,15 +88,13 @@ def test_a_wall_that_is_touched_is_an_event(engine):
 
 def test_the_run_of_a_system_is_saved(tmp_path):
     """With its events, and the packets of a network in it."""
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("loop", MakeRelay())
     config = NetworkChannelConfig(delay=0.1, sample_period=0.01)
     network = config.MakeChannel(size=1, initial_value=[0.0], duration=1.0)
-    network = builder.AddNamedSystem("network", network)
-    source = builder.AddNamedSystem("source", Integrator(1))
-    builder.Connect(source.get_output_port(), network.get_input_port())
-    builder.ExportInput(source.get_input_port(), "rate")
-    diagram = builder.Build()
+    diagram = Wired(
+        {"loop": MakeRelay(), "network": network, "source": Integrator(1)},
+        {"network": "source"},
+        inputs={"rate": "source"},
+    )
     context = diagram.CreateDefaultContext()
     diagram.get_input_port().FixValue(context, [1.0])
     recording = simulate(diagram, context=context, duration=1.0)
@@ -111,8 +107,8 @@ def test_the_run_of_a_system_is_saved(tmp_path):
         assert getattr(loaded, name) == getattr(recording, name)
     assert list(loaded.channels) == ["network"]
     for name, samples in recording.signals.items():
-        np.testing.assert_array_equal(loaded[name], samples)
+        assert_array_equal(loaded[name], samples)
         middle = recording.Interpolate(name, [0.123])
-        np.testing.assert_array_equal(loaded.Interpolate(name, [0.123]), middle)
+        assert_array_equal(loaded.Interpolate(name, [0.123]), middle)
     with pytest.raises(AttributeError, match="no attribute 'scenario'"):
         loaded.scenario  # noqa: B018

@@ -1,13 +1,13 @@
 """Events at the end of a run do not happen, in either engine."""
 
 import pytest
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Integrator,
     LinearSystem,
     ZeroOrderHold,
 )
+from wired import Wired
 
 from teleop_drake.loops.delays.network import NetworkDelay
 from teleop_drake.loops.delays.packet_network import PacketNetwork
@@ -50,14 +50,17 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_due_at_the_end_does_not_happen(case, engine):
     make, end, expected = CASES[case]
-    builder = DiagramBuilder()
-    one = builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
-    ramp = builder.AddNamedSystem("ramp", Integrator([0.0]))
-    block = builder.AddNamedSystem("block", make())
-    builder.Connect(one.get_output_port(), ramp.get_input_port())
-    builder.Connect(ramp.get_output_port(), block.get_input_port())
-    builder.ExportOutput(block.get_output_port(0), "y")
-    recording = simulate(builder.Build(), duration=end, engine=engine)
+    block = make()
+    diagram = Wired(
+        {
+            "one": ConstantVectorSource([1.0]),
+            "ramp": Integrator([0.0]),
+            "block": block,
+        },
+        {"ramp": "one", "block": "ramp"},
+        {"y": f"block.{block.get_output_port(0).get_name()}"},
+    )
+    recording = simulate(diagram, duration=end, engine=engine)
     assert recording.time[-1] == end
     assert recording["y"][-1, 0] == pytest.approx(expected, abs=1e-9)
     assert recording.termination == "completed"

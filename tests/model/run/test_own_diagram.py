@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import (
@@ -19,6 +20,7 @@ from pydrake.systems.primitives import (
     Integrator,
     Sine,
 )
+from wired import Wired
 
 from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -88,13 +90,13 @@ def test_a_delay_is_exact_in_both_engines(gain, engine, used):
     is_read = any("gain: machine code of" in note for note in recording.notes)
     assert is_read == (gain is Halver)
     assert list(recording) == ["x"] and recording.time[-1] == 2.1
-    np.testing.assert_allclose(recording["x"][:, 0], Exact(recording.time), atol=1e-6)
+    assert_allclose(recording["x"][:, 0], Exact(recording.time), atol=1e-6)
 
 
 def test_without_exported_outputs_all_of_its_systems_are_recorded():
     recording = simulate(LateLoop(Halver(), exports=False), duration=1.5)
     late = recording["delay.delayed_signal"]
-    np.testing.assert_allclose(recording["gain.half"], 0.5 * late, rtol=1e-12)
+    assert_allclose(recording["gain.half"], 0.5 * late, rtol=1e-12)
     assert set(recording) == {
         *("plant.y0", "delay.delayed_signal", "gain.half", "minus.y0")
     }
@@ -103,19 +105,21 @@ def test_without_exported_outputs_all_of_its_systems_are_recorded():
 @pytest.mark.parametrize("engine", ["compiled", "drake"])
 def test_jumps_are_where_they_are(engine):
     """A sine is held for 0.3 s and integrated; each jump of the hold has two rows."""
-    builder = DiagramBuilder()
-    source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
-    hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
-    plant = builder.AddSystem(Integrator(1))
-    builder.Connect(source.get_output_port(0), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "held")
-    recording = simulate(builder.Build(), duration=2.0, engine=engine)
+    diagram = Wired(
+        {
+            "source": Sine(1.0, 2.0, 0.0, 1),
+            "hold": SampledDelay(size=1, delay=0.5, sample_period=0.3),
+            "plant": Integrator(1),
+        },
+        {"hold": "source.y0", "plant": "hold"},
+        {"held": "plant"},
+    )
+    recording = simulate(diagram, duration=2.0, engine=engine)
     sent = np.arange(0, 1.5, 0.3)
     shown = np.append(sent + 0.5, 2.0)
     exact = np.concatenate(([0], np.cumsum(np.sin(2 * sent) * np.diff(shown))))
     held = np.interp(recording.time, shown, exact)
-    np.testing.assert_allclose(recording["held"][:, 0], held, atol=1e-6)
+    assert_allclose(recording["held"][:, 0], held, atol=1e-6)
     twice = recording.time[1:][np.diff(recording.time) == 0]
     assert np.abs(shown[:-1, None] - twice).min(axis=1).max() < 1e-9
 
@@ -127,7 +131,7 @@ def test_a_recording_without_scenario_shows_itself_or_refuses(subtests):
     (ax,) = PlotRun(recording, time=(0.5, 1.0)).axes
     assert ax.get_ylabel() == "x" and ax.lines[1].get_xdata()[-1] == 1.0
     table = recording.to_dataframe()
-    np.testing.assert_array_equal(table["x", 0], recording["x"][:, 0])
+    assert_array_equal(table["x", 0], recording["x"][:, 0])
     with pytest.raises(UnknownSignal, match="signal 'y': must be"):
         PlotRun(recording, signals=["y"])
     for refused in (
@@ -153,9 +157,7 @@ def Open():
 
 
 def NoOutputs():
-    builder = DiagramBuilder()
-    builder.AddSystem(LeafSystem())
-    diagram = builder.Build()
+    diagram = Wired({"leafsystem": LeafSystem()}, {})
     diagram.set_name("silent")
     return diagram
 
@@ -198,18 +200,17 @@ def test_a_system_without_vector_outputs_runs(make, engine):
     run = simulate(make(), duration=1.0)
     assert (run.solver.engine, list(run), run.time[-1]) == (engine, [], 1.0)
     x = run.final_context.get_continuous_state_vector().CopyToVector()
-    np.testing.assert_allclose(x, np.ones(len(x)))
+    assert_allclose(x, np.ones(len(x)))
 
 
 def test_numbers_that_leave_the_finite_end_a_run():
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(Integrator([1.0]))
-    gain = builder.AddSystem(Gain(800.0, 1))
-    builder.Connect(plant.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "x")
     config = SimulatorConfig(use_error_control=False, max_step_size=0.01)
-    recording = simulate(builder.Build(), duration=9.0, simulator=config)
+    diagram = Wired(
+        {"plant": Integrator([1.0]), "gain": Gain(800.0, 1)},
+        {"gain": "plant", "plant": "gain"},
+        {"x": "plant"},
+    )
+    recording = simulate(diagram, duration=9.0, simulator=config)
     assert recording.reason == "a signal is not finite"
     assert np.isfinite(recording["x"]).all() and recording["x"][-1] > 1e300
 
@@ -270,20 +271,19 @@ class Switch(LeafSystem):
 
 
 def test_an_event_of_a_users_own_stands_twice():
-    builder = DiagramBuilder()
-    system = builder.AddSystem(Switch())
-    plant = builder.AddSystem(Integrator(1))
-    builder.Connect(system.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(system.get_output_port(), "rate")
-    builder.ExportOutput(plant.get_output_port(), "y")
-    recording = simulate(builder.Build(), duration=1.0, engine="drake")
+    diagram = Wired(
+        {"system": Switch(), "plant": Integrator(1)},
+        {"plant": "system"},
+        {"rate": "system", "y": "plant"},
+    )
+    recording = simulate(diagram, duration=1.0, engine="drake")
     (place,) = np.flatnonzero(np.diff(recording.time) == 0)
     assert recording.time[place] == pytest.approx(0.25, abs=1e-6)
     assert recording["rate"][place : place + 2, 0].tolist() == [1.0, -2.0]
     times = np.linspace(0, 1, 1001)
     exact = np.where(times < 0.25, times, 0.75 - 2 * times)
     y = recording.Interpolate("y", times)[:, 0]
-    np.testing.assert_allclose(y, exact, atol=1e-6)
+    assert_allclose(y, exact, atol=1e-6)
 
 
 @pytest.mark.parametrize("engine", ["drake", "compiled"])

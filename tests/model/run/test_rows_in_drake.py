@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Box, Sphere
 from pydrake.math import RigidTransform
@@ -20,6 +21,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 from pydrake.trajectories import PiecewisePolynomial
+from wired import Wired
 
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.framework.signals import SignalsOf
@@ -166,7 +168,7 @@ def test_a_jump_without_an_event_is_enclosed_and_named():
     recording = simulate(diagram, duration=1.0, engine="drake")
     times = np.array([0.0, 0.49999, 0.50001, 1.0])
     y = recording.Interpolate("y", times)[:, 0]
-    np.testing.assert_allclose(y, [0.0, 0.0, 2.0, 2.0], atol=1e-12)
+    assert_allclose(y, [0.0, 0.0, 2.0, 2.0], atol=1e-12)
     (note,) = [note for note in recording.notes if "not accurate" in note]
     assert note.startswith("y: jumps or bends")
 
@@ -178,21 +180,26 @@ def test_a_held_signal_jumps_at_its_samples():
     held = 0.2 * np.floor(times / 0.2 + 1e-9)
     inner = np.abs(times - 0.2 * np.round(times / 0.2)) > 1e-6
     y = recording.Interpolate("y", times[inner])[:, 0]
-    np.testing.assert_allclose(y, 2 * np.sin(6 * held[inner]), atol=1e-12)
+    assert_allclose(y, 2 * np.sin(6 * held[inner]), atol=1e-12)
 
 
 def test_a_wall_is_felt_in_a_diagram_without_continuous_states():
     """A sine of 1 m enters a wall at 0.5 m with 90 N/m: 45 N at most."""
     bone = LayerConfig(name="bone", start=0.5, stiffness=90.0, reference=0.5)
-    builder = DiagramBuilder()
-    hand = builder.AddNamedSystem("hand", Sine(1.0, 6.0, 0.0, 1))
-    wall = builder.AddNamedSystem("wall", LayeredForceField([bone], 1))
-    twice = builder.AddNamedSystem("twice", PythonGain())
-    builder.Connect(hand.get_output_port(0), wall.GetInputPort("tool_position"))
-    builder.Connect(hand.get_output_port(1), wall.GetInputPort("tool_velocity"))
-    builder.Connect(wall.GetOutputPort("environment_force"), twice.get_input_port())
-    builder.ExportOutput(twice.get_output_port(), "y")
-    recording = simulate(builder.Build(), duration=2.0, engine="drake")
+    diagram = Wired(
+        {
+            "hand": Sine(1.0, 6.0, 0.0, 1),
+            "wall": LayeredForceField([bone], 1),
+            "twice": PythonGain(),
+        },
+        {
+            "wall.tool_position": "hand.y0",
+            "wall.tool_velocity": "hand.y1",
+            "twice": "wall.environment_force",
+        },
+        {"y": "twice"},
+    )
+    recording = simulate(diagram, duration=2.0, engine="drake")
 
     def Expected(t):
         return 2 * 90 * np.maximum(np.sin(6 * t) - 0.5, 0)
@@ -282,7 +289,7 @@ def test_a_delay_has_the_jump_of_a_function_in_python():
     recording = simulate(chain(Step(), TransportDelay(0.1, 1)), duration=1.0)
     times = np.array([0.59999, 0.60001, 0.7])
     late = recording.Interpolate("y", times)[:, 0]
-    np.testing.assert_allclose(late, [0.0, 1.0, 1.0], atol=1e-12)
+    assert_allclose(late, [0.0, 1.0, 1.0], atol=1e-12)
 
 
 def test_a_source_of_noise_is_no_source_of_jumps():
@@ -362,7 +369,7 @@ def test_a_held_output_is_a_staircase_evaluated_once_a_step(is_abstract, moves):
     recording = simulate(
         diagram, context=context, duration=0.95, engine="drake", signals=signals
     )
-    np.testing.assert_array_equal(recording["again"], recording["counter.y"])
+    assert_array_equal(recording["again"], recording["counter.y"])
     # Also just beside the jumps, and a first step that holds.
     times = np.r_[0.0, 0.0999, 0.1001, 0.45, 0.7999, 0.8001, 0.95]
     counts = recording.Interpolate("counter.y", times)[:, 0]

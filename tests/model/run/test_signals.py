@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
+from wired import Wired
 
 from teleop_drake.loops.framework.signals import SelectSignals
 from teleop_drake.model.run.compile import Compile
@@ -17,21 +18,17 @@ ENGINES = ["drake", "compiled"]
 
 def nested():
     """Returns x' = 1 - x from 0, in a diagram in a diagram."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator(1))
-    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
-    adder = builder.AddNamedSystem("sum", Adder(2, 1))
-    builder.Connect(plant.get_output_port(), minus.get_input_port())
-    builder.Connect(minus.get_output_port(), adder.get_input_port(0))
-    builder.Connect(adder.get_output_port(), plant.get_input_port())
-    builder.ExportInput(adder.get_input_port(1), "u")
-    builder.ExportOutput(plant.get_output_port(), "x")
-    outer = DiagramBuilder()
-    inner = outer.AddNamedSystem("inner", builder.Build())
-    source = outer.AddNamedSystem("source", ConstantVectorSource([1.0]))
-    outer.Connect(source.get_output_port(), inner.get_input_port())
-    outer.ExportOutput(inner.get_output_port(), "shown")
-    return outer.Build()
+    diagram = Wired(
+        {"plant": Integrator(1), "minus": Gain(-1.0, 1), "sum": Adder(2, 1)},
+        {"minus": "plant", "sum.u0": "minus", "plant": "sum"},
+        {"x": "plant"},
+        inputs={"u": "sum.u1"},
+    )
+    return Wired(
+        {"inner": diagram, "source": ConstantVectorSource([1.0])},
+        {"inner": "source"},
+        {"shown": "inner"},
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -40,8 +37,8 @@ def test_a_run_records_the_chosen_signals_of_any_depth(engine):
     recording = simulate(nested(), duration=1.0, engine=engine, signals=names)
     assert list(recording) == names
     rate = np.exp(-recording.time)
-    np.testing.assert_allclose(recording["inner/sum.sum"][:, 0], rate, atol=1e-6)
-    np.testing.assert_allclose(recording["shown"][:, 0], 1 - rate, atol=1e-6)
+    assert_allclose(recording["inner/sum.sum"][:, 0], rate, atol=1e-6)
+    assert_allclose(recording["shown"][:, 0], 1 - rate, atol=1e-6)
 
 
 def test_a_program_records_ports_by_names_of_the_user():
@@ -68,7 +65,7 @@ def test_a_scenario_keeps_the_chosen_signals_and_its_events():
     chosen = simulate(scenario, signals=["control_force"])
     assert list(chosen) == ["control_force"]
     assert chosen.events == whole.events
-    np.testing.assert_array_equal(chosen["control_force"], whole["control_force"])
+    assert_array_equal(chosen["control_force"], whole["control_force"])
 
 
 def test_the_names_of_systems_alone_make_no_loop():
@@ -79,7 +76,7 @@ def test_the_names_of_systems_alone_make_no_loop():
     assert "tool_velocity" not in plain
     named = NamedSignals(diagram.GetSystems())
     loop = simulate(diagram, duration=0.1, signals=named)
-    np.testing.assert_array_equal(loop["tool_velocity"], plain["robot.tool_velocity"])
+    assert_array_equal(loop["tool_velocity"], plain["robot.tool_velocity"])
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_array_equal
 from runs import TASKS, Run
 from surfaces import Border
 
@@ -72,7 +73,7 @@ def test_all_signals_of_the_loop(name, kind):
     if recording.termination == "completed":
         assert recording.time[-1] == recording.scenario.duration
     assert np.all(recording["environment_force"][:, 1:] == 0)  # Normal to the layers.
-    np.testing.assert_array_equal(
+    assert_array_equal(
         recording["return_packet_sent"],
         np.hstack((recording["tool_position"], recording["tool_velocity"])),
     )
@@ -122,13 +123,11 @@ def test_contact_is_located_and_perceived_one_return_delay_later(name):
     assert switch - contact == pytest.approx(0.1, abs=2e-6)
     before, after = sides(recording, "forward_packet_sent", switch)
     n = recording.scenario.num_axes
-    np.testing.assert_array_equal(before[n:], recording.scenario.surgeon.velocity)
-    np.testing.assert_array_equal(
-        after, [*recording.scenario.surgeon.contact_force, *[0.0] * n]
-    )
+    assert_array_equal(before[n:], recording.scenario.surgeon.velocity)
+    assert_array_equal(after, [*recording.scenario.surgeon.contact_force, *[0.0] * n])
     # The echo of the jump arrives at the slave exactly one forward delay later.
     before, after = sides(recording, "forward_packet_received", switch + 0.1)
-    np.testing.assert_array_equal(after[:n], recording.scenario.surgeon.contact_force)
+    assert_array_equal(after[:n], recording.scenario.surgeon.contact_force)
     assert before[0] != after[0]
 
 
@@ -317,8 +316,8 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     assert 100 < calls < 110
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     num_samples = len(recording.time)
-    np.testing.assert_array_equal(recording.time, reference.time[:num_samples])
-    np.testing.assert_array_equal(
+    assert_array_equal(recording.time, reference.time[:num_samples])
+    assert_array_equal(
         recording["control_force"], reference["control_force"][:num_samples]
     )
 
@@ -398,9 +397,9 @@ def test_save_and_load(tmp_path):
     assert loaded.events == recording.events
     assert loaded.solver == recording.solver
     assert (loaded.termination, loaded.reason) == ("completed", "")
-    np.testing.assert_array_equal(loaded.time, recording.time)
+    assert_array_equal(loaded.time, recording.time)
     for name, values in recording.signals.items():
-        np.testing.assert_array_equal(loaded[name], values)
+        assert_array_equal(loaded[name], values)
     assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
 
 

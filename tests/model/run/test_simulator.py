@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator, SimulatorConfig, SimulatorStatus
 from pydrake.systems.framework import EventStatus
 from scipy.interpolate import CubicHermiteSpline
@@ -69,7 +70,7 @@ def test_an_arm_wired_by_hand_runs_as_simulate_does():
     theirs = recording.Interpolate("tool_position", grid)[:, 0].max()
     assert theirs - Border(scenario, "contact") > 1e-3
     assert ours == pytest.approx(theirs, abs=1e-7)
-    np.testing.assert_allclose(signals[-1], expected[-1], rtol=0, atol=1e-7)
+    assert_allclose(signals[-1], expected[-1], rtol=0, atol=1e-7)
 
 
 @pytest.mark.slow
@@ -135,7 +136,7 @@ def test_a_run_can_begin_again():
         state = simulator.get_context().get_continuous_state_vector()
         ends.append(state.CopyToVector())
     # Not exactly equal, because Drake begins with the length of the last step.
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-8)
+    assert_allclose(ends[0], ends[1], rtol=0, atol=1e-8)
 
 
 def test_a_step_that_is_set_later_counts():

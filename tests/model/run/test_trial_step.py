@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
@@ -78,7 +79,7 @@ def test_a_step_that_fails_is_tried_again_as_a_shorter_one(fail, scheme):
     simulator.AdvanceTo(0.25)
     x = context.get_continuous_state_vector().CopyToVector()
     expected = (K * np.cos(0.25) + np.sin(0.25)) * K / (K**2 + 1)
-    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-5)
+    assert_allclose(x, expected, rtol=0, atol=1e-5)
     # Events at the start of a step happen once.
     assert context.get_discrete_state_vector().GetAtIndex(0) == 3
 
@@ -122,7 +123,7 @@ def test_the_longest_step_does_not_decide_whether_a_run_diverges():
         assert run.solver.derivative_evaluations > 6 * run.solver.steps
     ends = [run["control_force"][-1] for run in runs]
     assert np.abs(ends[0]).max() > 1e-3
-    np.testing.assert_allclose(*ends, rtol=1e-3)
+    assert_allclose(*ends, rtol=1e-3)
 
 
 @pytest.mark.mostly_slow

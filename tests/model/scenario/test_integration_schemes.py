@@ -4,8 +4,8 @@ import functools
 
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
+from wired import Wired
 
 from teleop_drake.model.blocks.robots import MakeRobot
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
@@ -23,18 +23,20 @@ def filtered_push(scheme, step):
 
     The filter is added to the Diagram before the slider.
     """
-    builder = DiagramBuilder()
-    push = builder.AddNamedSystem("push", ConstantVectorSource([1.0]))
-    lag = builder.AddNamedSystem(
-        "lag", LinearSystem([[-5.0]], [[5.0]], [[1.0]], [[0.0]])
+    diagram = Wired(
+        {
+            "push": ConstantVectorSource([1.0]),
+            "lag": LinearSystem([[-5.0]], [[5.0]], [[1.0]], [[0.0]]),
+            "robot": MakeRobot(model="slider", start=[0.0]),
+            "nothing": ConstantVectorSource([0.0]),
+        },
+        {
+            "lag": "push",
+            "robot.control_force": "lag",
+            "robot.environment_force": "nothing",
+        },
+        {"tool_position": "robot.tool_position"},
     )
-    robot = builder.AddNamedSystem("robot", MakeRobot(model="slider", start=[0.0]))
-    nothing = builder.AddNamedSystem("nothing", ConstantVectorSource([0.0]))
-    builder.Connect(push.get_output_port(), lag.get_input_port())
-    builder.Connect(lag.get_output_port(), robot.GetInputPort("control_force"))
-    builder.Connect(nothing.get_output_port(), robot.GetInputPort("environment_force"))
-    builder.ExportOutput(robot.GetOutputPort("tool_position"), "tool_position")
-    diagram = builder.Build()
     simulator = Simulator(diagram)
     config = SimulatorConfig(
         integration_scheme=scheme, use_error_control=False, max_step_size=step

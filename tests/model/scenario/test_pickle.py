@@ -6,8 +6,8 @@ import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
 
-import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from teleop_drake import LoadScenario, simulate
 from teleop_drake.loops.framework.validation import FixedFields
@@ -34,7 +34,7 @@ def test_runs_of_other_processes_are_the_same():
     assert there.scenario == scenario
     assert there.signals.keys() == here.signals.keys()
     for name, samples in here.signals.items():
-        np.testing.assert_array_equal(there[name], samples)
+        assert_array_equal(there[name], samples)
 
 
 def Configs(value):

@@ -8,6 +8,7 @@ import appendix_a
 import numpy as np
 import pytest
 import yaml
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from surfaces import Border
 
@@ -348,12 +349,10 @@ def test_initial_psi_of_the_arm():
     q = collision.robot.JointPositions(collision.robot.start)
     J = appendix_a.J(q)
     expected = J @ np.linalg.inv(appendix_a.M(q)) @ J.T
-    np.testing.assert_allclose(collision.initial_psi, expected, rtol=1e-3)
+    assert_allclose(collision.initial_psi, expected, rtol=1e-3)
     # In tissue the damping acts along x only.
     combined = LoadScenario("two_dof_combined")
-    np.testing.assert_allclose(
-        combined.initial_psi, np.diag([1.5, 1.0]) @ expected, rtol=1e-3
-    )
+    assert_allclose(combined.initial_psi, np.diag([1.5, 1.0]) @ expected, rtol=1e-3)
 
 
 def Layers(*layers: tuple[float, float]) -> dict:

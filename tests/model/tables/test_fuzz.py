@@ -9,6 +9,7 @@ import string
 import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.tables import ReadPackets
@@ -174,6 +175,6 @@ def test_each_form_of_a_table_has_the_same_numbers(tmp_path_factory, rows, form)
         return
     packets = ReadPackets("f", str(path))
     times = np.array([time for time, _ in rows]) * 1e-6
-    np.testing.assert_allclose(packets.times, times - times[0], rtol=0, atol=2e-10)
+    assert_allclose(packets.times, times - times[0], rtol=0, atol=2e-10)
     delays = [np.nan if delay is None else delay * 1e-6 for _, delay in rows]
-    np.testing.assert_allclose(packets.delays, delays, rtol=0, atol=1e-9)
+    assert_allclose(packets.delays, delays, rtol=0, atol=1e-9)

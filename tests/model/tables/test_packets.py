@@ -2,8 +2,8 @@
 
 import json
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.tables import ReadPackets
@@ -20,7 +20,7 @@ def read(tmp_path, text, **given):
 
 def check(packets, times, delays):
     assert packets.times.tolist() == pytest.approx(times, abs=1e-9)
-    np.testing.assert_allclose(packets.delays, delays, rtol=0, atol=1e-9)
+    assert_allclose(packets.delays, delays, rtol=0, atol=1e-9)
 
 
 # The delays are 20 ms, lost, 30 ms; the packets are 0.1 s apart.

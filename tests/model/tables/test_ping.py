@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.tables import ReadPackets
@@ -319,7 +320,7 @@ def test_a_dialect(dialect, tmp_path):
     packets = read(tmp_path, text)
     assert packets.times.tolist() == pytest.approx(times, abs=1e-6)
     expected = np.array(round_trips) / 2e3
-    np.testing.assert_allclose(packets.delays, expected, rtol=1e-12)
+    assert_allclose(packets.delays, expected, rtol=1e-12)
     assert packets.kind == "half of rtt"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import openpyxl
 import pandas
 import pytest
+from numpy.testing import assert_allclose
 from scipy.io import savemat
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -37,7 +38,7 @@ def test_excel(tmp_path):
     table.to_excel(path, index=False)
     packets = ReadPackets("trace", path)
     assert packets.times.tolist() == pytest.approx([0, 0.1, 0.2, 0.3])
-    np.testing.assert_allclose(packets.delays, [0.02, np.nan, np.nan, 0.03])
+    assert_allclose(packets.delays, [0.02, np.nan, np.nan, 0.03])
 
 
 def test_matlab(tmp_path):

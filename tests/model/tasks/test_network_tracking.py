@@ -7,6 +7,7 @@ import appendix_a as arm
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp, trapezoid
 
 from teleop_drake.model.run.simulate import simulate
@@ -162,10 +163,10 @@ def test_reference_is_its_own_derivative():
         return reference.GetOutputPort(f"desired_{name}").Eval(context)
 
     expected = [1.1 + 0.2 * np.sin(2.5), 0.3 - 0.1 * np.sin(2.5)]
-    np.testing.assert_allclose(evaluate("position", 1.0), expected)
+    assert_allclose(evaluate("position", 1.0), expected)
     for name, rate in (("position", "velocity"), ("velocity", "acceleration")):
         slope = (evaluate(name, 1 + 1e-6) - evaluate(name, 1 - 1e-6)) / 2e-6
-        np.testing.assert_allclose(evaluate(rate, 1.0), slope, rtol=1e-6)
+        assert_allclose(evaluate(rate, 1.0), slope, rtol=1e-6)
 
 
 def test_without_force_and_error_the_arm_holds_itself():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from own_kinds import PuckConfig
 from pydrake.systems.framework import BasicVector
 
@@ -68,7 +69,7 @@ def test_a_turned_task_has_the_same_metrics():
     # The tissue pulls the puck back to its axis.
     force = turned.Interpolate("environment_force", at - 1e-9)[0] @ turn
     offset = turned.Interpolate("tool_position", at)[0] @ turn - [0, 0.02, 0]
-    np.testing.assert_allclose(force[1:], 5.0 * offset[1:], rtol=1e-5)
+    assert_allclose(force[1:], 5.0 * offset[1:], rtol=1e-5)
     assert force[0] == pytest.approx(metrics["puncture"]["force"], rel=1e-6)
 
 
@@ -85,5 +86,5 @@ def test_the_tool_slides_at_coulombs_limit():
     speed = np.linalg.norm(v_t)
     assert speed > 20 * wall.creep_speed
     expected = wall.friction * surface.Along(F) * v_t / speed
-    np.testing.assert_allclose(F_t, expected, rtol=2e-3)
+    assert_allclose(F_t, expected, rtol=2e-3)
     assert RunMetrics(recording)["puncture"] is None

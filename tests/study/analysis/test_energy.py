@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
     SimulatorConfig,
 )
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from wired import Wired
 
 from teleop_drake.model.blocks.environments.layered_force_field import LayeredForceField
 from teleop_drake.model.blocks.robots import MakeRobot
@@ -24,21 +25,22 @@ ROBOTS = {
 
 def Energies(robot_name, *, layers, v0, duration):
     """Simulates a free robot in a force field; returns (times, kinetic, stored)."""
-    builder = DiagramBuilder()
-    robot = builder.AddNamedSystem("robot", MakeRobot(**ROBOTS[robot_name]))
+    robot = MakeRobot(**ROBOTS[robot_name])
     n = robot.GetInputPort("control_force").size()
-    nothing = builder.AddNamedSystem("nothing", ConstantVectorSource(np.zeros(n)))
-    field = builder.AddNamedSystem(
-        "environment", LayeredForceField(layers=layers, num_axes=n)
+    field = LayeredForceField(layers=layers, num_axes=n)
+    diagram = Wired(
+        {
+            "robot": robot,
+            "nothing": ConstantVectorSource(np.zeros(n)),
+            "environment": field,
+        },
+        {
+            "robot.control_force": "nothing",
+            "environment.tool_position": "robot.tool_position",
+            "environment.tool_velocity": "robot.tool_velocity",
+            "robot.environment_force": "environment.environment_force",
+        },
     )
-    builder.Connect(nothing.get_output_port(), robot.GetInputPort("control_force"))
-    for name in ("tool_position", "tool_velocity"):
-        builder.Connect(robot.GetOutputPort(name), field.GetInputPort(name))
-    builder.Connect(
-        field.GetOutputPort("environment_force"),
-        robot.GetInputPort("environment_force"),
-    )
-    diagram = builder.Build()
     simulator = Simulator(diagram)
     ApplySimulatorConfig(
         SimulatorConfig(
@@ -89,11 +91,11 @@ TISSUE = {"name": "tissue", "start": -math.inf, "stiffness": 0.01, "damping": 0.
 def test_energy_is_conserved_but_for_damping(robot, v0, surface):
     _, free, _ = Energies(robot, layers=[], v0=v0, duration=1.0)
     assert free[0] > 0
-    np.testing.assert_allclose(free, free[0], rtol=1e-8)
+    assert_allclose(free, free[0], rtol=1e-8)
     bone = LayerConfig(**BONE, start=surface, reference=surface)
     _, kinetic, stored = Energies(robot, layers=[bone], v0=v0, duration=1.0)
     assert stored.max() > 0.5 * kinetic[0]
-    np.testing.assert_allclose(kinetic + stored, kinetic[0], rtol=1e-6)
+    assert_allclose(kinetic + stored, kinetic[0], rtol=1e-6)
     tissue = LayerConfig(**TISSUE)
     _, kinetic, stored = Energies(robot, layers=[tissue], v0=v0, duration=2.0)
     total = kinetic + stored

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.numerics.step_polynomials import DEGREE
 from teleop_drake.loops.run.recording import SolverStatistics
@@ -74,7 +75,7 @@ def test_sinusoids_in_closed_form(phi):
         - (np.sin(2 * w * t + phi - w * back) - np.sin(phi - w * back)) / (2 * w)
         + (np.sin(2 * w * t + phi - w * forward) - np.sin(phi - w * forward)) / (2 * w)
     )
-    np.testing.assert_allclose(balance.energy, expected, atol=1e-8)
+    assert_allclose(balance.energy, expected, atol=1e-8)
     assert (balance.violation[-1] > 1) == (phi < 0)
     assert balance.violation[-1] == pytest.approx(max(0, -balance.energy.min()))
 
@@ -128,7 +129,7 @@ def test_every_architecture_has_a_balance(kind, channel):
     balance = TwoPortEnergyBalance(recording)
     energy = BySamples(recording)
     scale = max(np.ptp(energy), 1e-4)
-    np.testing.assert_allclose(balance.energy, energy, rtol=0, atol=1e-3 * scale)
+    assert_allclose(balance.energy, energy, rtol=0, atol=1e-3 * scale)
 
 
 @pytest.mark.parametrize("delays", [(0.1, 0.1), (0.25, 0.05)])
@@ -162,5 +163,5 @@ def test_a_wave_line_stores_its_waves(delays):
     energy = balance.energy
     scale = balance.energy.max()
     assert scale > 1e-3 and stored.max() > 0.02 * scale
-    np.testing.assert_allclose(energy, expected, atol=1e-3 * scale)
+    assert_allclose(energy, expected, atol=1e-3 * scale)
     assert balance.violation[-1] == 0

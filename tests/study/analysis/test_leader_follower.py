@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 from documentation import ROOT
 from grids import Slow
-from pydrake.systems.framework import DiagramBuilder
+from numpy.testing import assert_allclose
 from pydrake.systems.primitives import AffineSystem, MatrixGain, ZeroOrderHold
 from scipy.optimize import brentq
 from scipy.signal import cont2discrete
+from wired import InSeries, Wired
 
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario
@@ -125,7 +126,7 @@ def assert_same(recording, cycle, by_input, u, states):
         expected = np.array(rows)[:, i]
         found = recording.Interpolate(name, times)[:, 0]
         scale = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * scale)
+        assert_allclose(found, expected, rtol=0, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("share", [0.97, 1.03])
@@ -227,7 +228,6 @@ def test_two_joints_tied_by_a_host_shake_beyond_the_longest_cycle(share):
     T = share * longest_cycle_of_host({"tied": True})
     joint = [[0, 1], [0, -b / M]]
     tie = K * np.array([[-1, 0, 1, 0], [1, 0, -1, 0]])
-    builder = DiagramBuilder()
     joints = AffineSystem(
         A=np.kron(np.eye(2), joint),
         B=np.kron(np.eye(2), [[0], [1 / M]]),
@@ -236,14 +236,9 @@ def test_two_joints_tied_by_a_host_shake_beyond_the_longest_cycle(share):
         D=np.zeros((4, 2)),
         y0=np.zeros(4),
     )
-    builder.AddNamedSystem("joints", joints)
-    host_forces = builder.AddNamedSystem("host", MatrixGain(tie))
-    hold = builder.AddNamedSystem("hold", ZeroOrderHold(T, 2))
-    builder.Connect(joints.get_output_port(), host_forces.get_input_port())
-    builder.Connect(host_forces.get_output_port(), hold.get_input_port())
-    builder.Connect(hold.get_output_port(), joints.get_input_port())
-    builder.ExportOutput(joints.get_output_port(), "motion")
-    recording = simulate(builder.Build(), duration=3.1)
+    parts = {"joints": joints, "host": MatrixGain(tie), "hold": ZeroOrderHold(T, 2)}
+    diagram = Wired(parts, InSeries(*parts, "joints"), {"motion": "joints"})
+    recording = simulate(diagram, duration=3.1)
 
     def swing(start):
         motion = recording.Interpolate("motion", start + np.linspace(0, 0.1, 200))

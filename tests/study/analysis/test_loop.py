@@ -7,7 +7,9 @@ from pathlib import Path
 import appendix_a
 import numpy as np
 import pytest
-from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.systems.framework import BasicVector, LeafSystem
+from wired import Wired
 
 from teleop_drake.loops.delays.sampled import SampledDelay
 from teleop_drake.loops.delays.transport import TransportDelay
@@ -54,12 +56,12 @@ def test_operating_points_of_the_tasks():
     scenario = LoadScenario("one_dof")
     tissue, free, bone = OperatingPoints(scenario)
     assert [p.name for p in (tissue, free, bone)] == ["tissue", "free", "bone"]
-    np.testing.assert_allclose(tissue.position, [0.00375])
-    np.testing.assert_allclose(free.position, [0.01125])
+    assert_allclose(tissue.position, [0.00375])
+    assert_allclose(free.position, [0.01125])
     # The first impact of 0.5 kg at 1 mm/s on 150 N/m.
-    np.testing.assert_allclose(bone.position, 0.015 + 0.001 * math.sqrt(0.5 / 150))
-    np.testing.assert_allclose(tissue.velocity, [0.001])
-    np.testing.assert_allclose(bone.velocity, [0.0])
+    assert_allclose(bone.position, 0.015 + 0.001 * math.sqrt(0.5 / 150))
+    assert_allclose(tissue.velocity, [0.001])
+    assert_allclose(bone.velocity, [0.0])
     names = {
         name: [p.name for p in OperatingPoints(LoadScenario(name))]
         for name in ("two_dof_puncture", "two_dof_collision", "two_dof_combined")
@@ -79,7 +81,7 @@ def test_empty_space_and_the_robots_reach():
     assert point.name == "empty"
     # The path is from 0.85 m to |sin q2| = 0.05; both links are 0.75 m long.
     reach = math.sqrt(2 * 0.75**2 * (1 + math.sqrt(1 - 0.05**2)))
-    np.testing.assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
+    assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
 
 
 def test_adaptive_law_without_adaptation_is_its_textbook_form(subtests):
@@ -112,8 +114,8 @@ def test_adaptive_law_without_adaptation_is_its_textbook_form(subtests):
                 / (m * S + c + (1 - A) * Z + K * (1 + Lambda * Z))
             )
             G = model.slave.frequency_response(W)
-            np.testing.assert_allclose(G[:, 1, :], v.T, rtol=1e-8)
-            np.testing.assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
+            assert_allclose(G[:, 1, :], v.T, rtol=1e-8)
+            assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
 
 
 def ArmMotion(x, F):
@@ -150,7 +152,7 @@ def test_arm_is_appendix_a(velocity):
 
     q0 = TwoLinkArmConfig(elbow="down").JointPositions(p0)
     x0 = np.concatenate([q0, np.linalg.solve(appendix_a.J(q0), v0)])
-    np.testing.assert_allclose(ArmMotion(x0, np.zeros(2))[:4], [*p0, *v0], atol=1e-12)
+    assert_allclose(ArmMotion(x0, np.zeros(2))[:4], [*p0, *v0], atol=1e-12)
     # F0 is the force at a constant velocity. dv/dt is affine in the force.
     a0 = ArmMotion(x0, np.zeros(2))[4:]
     slope = np.array([ArmMotion(x0, F)[4:] - a0 for F in np.eye(2)]).T
@@ -165,10 +167,10 @@ def test_arm_is_appendix_a(velocity):
     h = 1e-30
     by_x = np.array([Motion(x0 + 1j * h * e).imag / h for e in np.eye(4)]).T
     A = by_x[2:] @ np.linalg.inv(by_x[:4])
-    np.testing.assert_allclose(model.slave.A, A, atol=1e-12)
-    np.testing.assert_allclose(model.slave.B[2:, :2], slope, rtol=1e-12)
+    assert_allclose(model.slave.A, A, atol=1e-12)
+    assert_allclose(model.slave.B[2:, :2], slope, rtol=1e-12)
     assert np.all(model.slave.B[:, 2:] == 0) and np.all(model.slave.B[:2] == 0)
-    np.testing.assert_allclose(model.slave.C, np.eye(4), atol=1e-12)
+    assert_allclose(model.slave.C, np.eye(4), atol=1e-12)
     assert model.trim_residual < 1e-12
 
 
@@ -188,7 +190,7 @@ def test_free_joints_are_states_like_others():
     exact = J @ np.linalg.solve(S[:, None, None] * M + 0.02 * np.eye(3), J.T)
     assert model.slave.num_states == 6
     response = model.slave.frequency_response(W)[:, 2:, :2]
-    np.testing.assert_allclose(response, exact, rtol=1e-6, atol=1e-9)
+    assert_allclose(response, exact, rtol=1e-6, atol=1e-9)
 
 
 def test_estimates_are_those_of_the_point():
@@ -205,7 +207,7 @@ def test_estimates_are_those_of_the_point():
         "one_dof", {"controller.adaptation_rate": 0.0, "controller.initial_psi": 6.0}
     )
     expected = LinearizeLoop(same, point)
-    np.testing.assert_allclose(
+    assert_allclose(
         other.slave.frequency_response(W),
         expected.slave.frequency_response(W),
         rtol=1e-9,
@@ -315,20 +317,13 @@ def test_a_block_that_converts_at_one_point_only():
 
 def LawWith(late):
     """Returns a law of direct force whose haptic force passes through a system."""
-    builder = DiagramBuilder()
-    law = builder.AddNamedSystem("law", DirectForce(num_axes=1))
-    late = builder.AddNamedSystem("late", late)
-    builder.ExportInput(late.get_input_port(), "haptic_force")
-    builder.Connect(late.get_output_port(), law.GetInputPort("haptic_force"))
-    for name in (
-        "velocity_command",
-        "tool_position",
-        "tool_velocity",
-        "environment_force",
-    ):
-        builder.ExportInput(law.GetInputPort(name), name)
-    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
-    return builder.Build()
+    others = ("velocity_command", "tool_position", "tool_velocity", "environment_force")
+    return Wired(
+        {"law": DirectForce(num_axes=1), "late": late},
+        {"law.haptic_force": "late"},
+        {"control_force": "law.control_force"},
+        inputs={"haptic_force": "late"} | {name: f"law.{name}" for name in others},
+    )
 
 
 def test_delay_of_its_own_is_one_more_cut():
@@ -346,10 +341,10 @@ def test_delay_of_its_own_is_one_more_cut():
     plain = LinearizeLoop(scenario, point)
     assert model.inner_delays == (0.1,) and plain.inner_delays == ()
     assert len(model.signals.forward) == len(model.signals.back) == 2
-    np.testing.assert_allclose(model.slave.A, plain.slave.A, atol=1e-12)
-    np.testing.assert_allclose(model.slave.B[:, [2, 1]], plain.slave.B, atol=1e-12)
+    assert_allclose(model.slave.A, plain.slave.A, atol=1e-12)
+    assert_allclose(model.slave.B[:, [2, 1]], plain.slave.B, atol=1e-12)
     assert np.all(model.slave.B[:, 0] == 0)
-    np.testing.assert_allclose(model.slave.D[2], [1, 0, 0], atol=1e-12)
+    assert_allclose(model.slave.D[2], [1, 0, 0], atol=1e-12)
     assert model.trim_residual < 1e-12
 
 
@@ -384,7 +379,7 @@ def test_predictor_is_its_equation():
             [v_model, zero, zero, zero],
         ]
     )
-    np.testing.assert_allclose(G, np.moveaxis(expected, -1, 0), atol=1e-9)
+    assert_allclose(G, np.moveaxis(expected, -1, 0), atol=1e-9)
 
 
 def Bent(v_bend, share=0.1):
@@ -415,7 +410,7 @@ def test_no_difference_crosses_a_border():
     """At 1 um in front of the bone the slopes are those of free space."""
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     model = LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015 - 1e-6))
-    np.testing.assert_allclose(model.slave.A, [[0, 1], [0, -0.2]], atol=1e-7)
+    assert_allclose(model.slave.A, [[0, 1], [0, -0.2]], atol=1e-7)
     with pytest.raises(
         ValueError, match=r"position = \[0.015\]: must be off every surface"
     ):
@@ -434,7 +429,7 @@ def test_path_to_an_oblique_bone():
     start = normal @ np.array(scenario.robot.start)
     before, on, inside = (OperatingPointAt(scenario, x) for x in (0.29, 0.3, 0.31))
     assert start < 0.29 and normal @ before.position == pytest.approx(0.29)
-    np.testing.assert_array_equal(before.velocity, scenario.surgeon.velocity)
+    assert_array_equal(before.velocity, scenario.surgeon.velocity)
     # On the surface there is no model; the point is just behind it.
     assert 0 < normal @ on.position - 0.3 < 2e-6
     assert on.name == inside.name == "contact" and not np.any(inside.velocity)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.model.run.simulate import simulate
@@ -78,17 +79,15 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     w = np.geomspace(0.05, 100, 40)
     s = 1j * w
     expected = (25 * s + 50) / ((s + 25) * (m * s**2 + (c + d) * s + k))
-    np.testing.assert_allclose(
-        point.loop.frequency_response(w)[:, 0, 0], expected, rtol=1e-9
-    )
+    assert_allclose(point.loop.frequency_response(w)[:, 0, 0], expected, rtol=1e-9)
     # |25 j w + 50|^2 = |j w + 25|^2 |k - m w^2 + j (c + d) w|^2 is a polynomial in w^2.
     spring = np.polyadd(np.polymul([-m, k], [-m, k]), [(c + d) ** 2, 0])
     squares = np.roots(np.polysub(np.polymul([1, 625], spring), [625, 2500]))
     w = np.sort(np.sqrt(squares[(squares.real > 0) & (abs(squares.imag) < 1e-9)].real))
-    np.testing.assert_allclose([x.frequency for x in point.crossings], w, rtol=1e-9)
+    assert_allclose([x.frequency for x in point.crossings], w, rtol=1e-9)
     s = 1j * w
     phase = np.angle((25 * s + 50) / ((s + 25) * (m * s**2 + (c + d) * s + k)))
-    np.testing.assert_allclose(
+    assert_allclose(
         [x.delay for x in point.crossings], (phase + math.pi) / w, rtol=1e-9
     )
     assert point.num_neutral == 1 and len(point.hidden_modes) == 0
@@ -294,7 +293,7 @@ def test_what_gives_way_across_the_normal_moves_the_point_of_rest():
     depth = 0.3 + normal @ force / 150.0
     assert normal @ point.position == pytest.approx(depth, rel=1e-9)
     way = across @ (point.position - np.array(scenario.robot.start))
-    np.testing.assert_allclose(5.0 * way, across @ force, atol=1e-9)
+    assert_allclose(5.0 * way, across @ force, atol=1e-9)
 
 
 def test_force_that_is_held_leaves_the_slider_alone():
@@ -529,7 +528,7 @@ def test_chart_of_a_scenario_key():
     assert chart.PointNames(with_force_mode=False) == names
     assert chart.StableDelays("bone, force held") == [[(0.0, 2.0)]] * 3
     one = Analyze("one_dof")["bone"].stable_delays
-    np.testing.assert_allclose(chart.StableDelays("bone")[1], one)
+    assert_allclose(chart.StableDelays("bone")[1], one)
     firsts = [intervals[0][1] for intervals in chart.StableDelays("bone")]
     assert firsts[0] > firsts[1] > firsts[2]
     frees = {intervals[0][1] for intervals in chart.StableDelays("free")}

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 from phasors import TerminatedPort
 from scattering import delay_two_port, scattering_norm
 
@@ -45,15 +46,15 @@ def test_transmitted_impedance_of_direct_force(point, k, d):
     """Z_to = (m j w + c + Z_e) e^(j w T), which includes the robot's impedance."""
     _, result = Analyze("one_dof", "direct_force", point)
     Z_e = d + k / (1j * W)
-    np.testing.assert_allclose(result.environment[:, 0, 0], Z_e)
+    assert_allclose(result.environment[:, 0, 0], Z_e)
     Z_to = result.transmitted[:, 0, 0]
-    np.testing.assert_allclose(Z_to, (ROBOT + Z_e) * np.exp(0.2j * W), rtol=1e-8)
-    np.testing.assert_allclose(result.undelayed[:, 0, 0], ROBOT + Z_e, rtol=1e-8)
+    assert_allclose(Z_to, (ROBOT + Z_e) * np.exp(0.2j * W), rtol=1e-8)
+    assert_allclose(result.undelayed[:, 0, 0], ROBOT + Z_e, rtol=1e-8)
     # The channels as a two-port give the same impedance.
     felt = TerminatedPort(
         delay_two_port(W, forward_delay=0.07, return_delay=0.13), ROBOT + Z_e
     )
-    np.testing.assert_allclose(Z_to, 1 / felt, rtol=1e-8)
+    assert_allclose(Z_to, 1 / felt, rtol=1e-8)
 
 
 def test_llewellyn_of_direct_force():
@@ -67,13 +68,11 @@ def test_llewellyn_of_direct_force():
     z_f = np.exp(-0.07j * W)
     z_r = np.exp(-0.13j * W)
     expected = np.array([[z_f * z_r, -z_r], [-z_f, np.ones(len(W))]]) / ROBOT
-    np.testing.assert_allclose(y, np.moveaxis(expected, -1, 0), rtol=1e-8)
+    assert_allclose(y, np.moveaxis(expected, -1, 0), rtol=1e-8)
     felt = expected[0, 0].real
     product = expected[0, 1] * expected[1, 0]
     eta = (2 * felt * expected[1, 1].real - product.real) / np.abs(product)
-    np.testing.assert_allclose(
-        result.llewellyn[:, 0], np.where(felt < 0, -np.inf, eta), rtol=1e-7
-    )
+    assert_allclose(result.llewellyn[:, 0], np.where(felt < 0, -np.inf, eta), rtol=1e-7)
     record = result.ToRecord()
     assert json.loads(json.dumps(record, allow_nan=False)) == record
     assert record["absolutely_stable"] is False
@@ -83,7 +82,7 @@ def test_llewellyn_of_direct_force():
 def test_an_exact_predictor_lets_the_model_be_felt():
     """Z_to = m j w + c + Z_e with any delay: the operator feels only the model."""
     _, result = Analyze("one_dof", "smith_predictor", 0, 0.3, 0.5)
-    np.testing.assert_allclose(
+    assert_allclose(
         result.transmitted[:, 0, 0], ROBOT + 0.5 + 0.01 / (1j * W), rtol=1e-8
     )
 
@@ -96,7 +95,7 @@ def test_an_ideal_four_channel_loop_adds_a_mass_without_delay():
     """
     _, result = Analyze("one_dof", "four_channel")
     expected = result.environment[:, 0, 0] + 0.5j * W
-    np.testing.assert_allclose(result.undelayed[:, 0, 0], expected, rtol=1e-7)
+    assert_allclose(result.undelayed[:, 0, 0], expected, rtol=1e-7)
     assert np.abs(result.transmitted - result.environment).max() > 0.5
 
 
@@ -169,7 +168,7 @@ def test_the_arm_is_felt_by_direct_force():
     # At high frequencies the felt impedance is that of the tool's inertia.
     model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     inertia = -np.linalg.inv(model.system.B[2:4, 2:4])
-    np.testing.assert_allclose(result.undelayed[-1] / (1j * W[-1]), inertia, rtol=1e-2)
+    assert_allclose(result.undelayed[-1] / (1j * W[-1]), inertia, rtol=1e-2)
 
 
 def test_no_layer():
@@ -178,7 +177,7 @@ def test_no_layer():
     assert np.all(EnvironmentImpedance(scenario, point, W) == 0)
     y = np.tile(np.array([[2.0, 0.0], [0.0, 1.0]]), (40, 1, 1))
     load = np.ones((40, 1, 1))
-    np.testing.assert_allclose(TransmittedImpedance(y, load), 0.5 * load)
+    assert_allclose(TransmittedImpedance(y, load), 0.5 * load)
 
 
 def test_figure():
@@ -187,8 +186,6 @@ def test_figure():
     top, _, bottom, _ = figure.axes
     assert len(top.lines) == 5 and len(bottom.lines) == 3
     assert top.get_ylabel() == "|impedance| [N s/m]"
-    np.testing.assert_allclose(
-        top.lines[2].get_ydata(), np.abs(result.transmitted[:, 0, 0])
-    )
+    assert_allclose(top.lines[2].get_ydata(), np.abs(result.transmitted[:, 0, 0]))
     with pytest.raises(ValueError, match=r"points = \[\]"):
         PlotTransparency([])

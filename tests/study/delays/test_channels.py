@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import yaml
+from numpy.testing import assert_allclose
 from runs import Run
 
 from teleop_drake import simulate
@@ -138,7 +139,7 @@ def test_trace_of_a_file_beside_the_scenario(kind, tmp_path):
         k = np.arange(25) * 0.02
         arrivals = k + np.interp(k, times, values)
         origin = [k[arrivals <= time].max() for time in t]
-    np.testing.assert_allclose(
+    assert_allclose(
         recording.Interpolate("return_packet_received", t),
         recording.Interpolate("return_packet_sent", np.asarray(origin)),
         atol=1e-10,

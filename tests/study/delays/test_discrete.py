@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay, PassThrough, Sine
+from wired import Wired
 
 from teleop_drake import MakePage, simulate
 from teleop_drake.model.channels.discrete import DiscreteChannelConfig
@@ -27,11 +28,9 @@ def test_what_is_sampled_comes_out_whole_periods_later():
     """After the update at t = j h, sample j - n is there, taken at (j - n) h."""
     config = DiscreteChannelConfig(delay=0.1, sample_period=H)
     channel = config.MakeChannel(size=1, initial_value=[0.5])
-    builder = DiagramBuilder()
-    source = builder.AddNamedSystem("source", Sine(1.0, 3.0, 0.0, 1))
-    builder.AddNamedSystem("channel", channel)
-    builder.Connect(source.get_output_port(0), channel.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired(
+        {"source": Sine(1.0, 3.0, 0.0, 1), "channel": channel}, {"channel": "source.y0"}
+    )
     simulator = Simulator(diagram)
     context = channel.GetMyContextFromRoot(simulator.get_context())
     for j in range(12):
@@ -59,9 +58,7 @@ def test_it_compiles_and_is_the_sampled_channel(controller):
     times = np.linspace(0.005, 0.595, 60)
     expected = compiled.Interpolate("tool_velocity", times)
     for other in (sampled, in_drake):
-        np.testing.assert_allclose(
-            other.Interpolate("tool_velocity", times), expected, atol=1e-8
-        )
+        assert_allclose(other.Interpolate("tool_velocity", times), expected, atol=1e-8)
 
 
 def test_analyze_names_its_mean_delay():
@@ -96,7 +93,7 @@ def test_a_channel_is_any_system_with_one_input_and_one_output():
     expected = simulate(scenario)
     assert {*mine.signals} == {*expected.signals}
     times = np.linspace(0.005, 0.295, 30)
-    np.testing.assert_allclose(
+    assert_allclose(
         mine.Interpolate("tool_velocity", times),
         expected.Interpolate("tool_velocity", times),
         atol=1e-9,

@@ -6,6 +6,7 @@ import functools
 import numpy as np
 import pytest
 from grids import Slow
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.numerics.state_space import state_space
 from teleop_drake.model.scenario import LoadScenario
@@ -71,7 +72,7 @@ def test_nyquist_shows_the_delayed_loop():
     (thick,) = Lines(ax, 1.1)
     undelayed = np.array(thin.get_xdata()) + 1j * np.array(thin.get_ydata())
     delayed = np.array(thick.get_xdata()) + 1j * np.array(thick.get_ydata())
-    np.testing.assert_allclose(np.abs(delayed), np.abs(undelayed))
+    assert_allclose(np.abs(delayed), np.abs(undelayed))
     free = Analysis()["free"]
     i = int(np.argmin(np.abs(np.abs(delayed) - 1)))
     turn = np.angle(undelayed[i] / delayed[i])
@@ -87,7 +88,7 @@ def test_bars_are_the_intervals():
         if patch.get_zorder() == 2
     ]
     expected = [x for loop in analysis.Loops() for x in loop.stable_delays]
-    np.testing.assert_allclose(bars, expected)
+    assert_allclose(bars, expected)
     labels = [tick.get_text() for tick in ax.get_yticklabels()]
     assert labels == ["tissue", "free", "bone", "bone, force held"]
 
@@ -113,7 +114,7 @@ def test_chart_has_a_panel_for_each_point():
     assert all(ax.get_xlabel() == "robot mass [kg]" for ax in figure.axes)
     stable = [p for p in figure.axes[1].patches if p.get_zorder() == 2]
     ends = [intervals[0][1] for intervals in chart.StableDelays("free")]
-    np.testing.assert_allclose([p.get_height() for p in stable], ends)
+    assert_allclose([p.get_height() for p in stable], ends)
 
 
 def test_chart_along_the_path_has_one_panel():
@@ -166,7 +167,7 @@ def test_felt_stiffness_of_direct_force_is_its_closed_form():
         w = line.get_xdata()
         assert (w[0], w[-1]) == (0.1, pytest.approx(30.0))
         expected = (150 - 0.5 * w**2) * np.cos(w * trip) - 0.1 * w * np.sin(w * trip)
-        np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-6, atol=1e-5)
+        assert_allclose(line.get_ydata(), expected, rtol=1e-6, atol=1e-5)
     assert curves[1].get_color() == curves[2].get_color() != curves[0].get_color()
     # The range shown is that of the environment and of what is felt up to 1 rad/s.
     assert both.get_ylim() == pytest.approx((-165.0, 165.0), rel=1e-3)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, LinearSystem, ZeroOrderHold
 from scipy.optimize import brentq
@@ -75,11 +76,11 @@ def test_a_bode_plot_has_the_margins_of_a_third_order_loop(delay, tmp_path):
     w = 0.7493682758222622  # |L| = 1: w^2 (w^2 + 1) (w^2 + 4) = 4
     assert w**2 * (w**2 + 1) * (w**2 + 4) == pytest.approx(4, rel=1e-12)
     lag = 90 + math.degrees(math.atan(w) + math.atan(w / 2) + delay * w)
-    np.testing.assert_allclose(Marks(top, "o"), [[w, 1.0]], rtol=1e-6)
-    np.testing.assert_allclose(Marks(bottom, "o"), [[w, -lag]], rtol=1e-6)
-    np.testing.assert_allclose(Marks(bottom, "^"), [[w, -lag]], rtol=1e-6)
+    assert_allclose(Marks(top, "o"), [[w, 1.0]], rtol=1e-6)
+    assert_allclose(Marks(bottom, "o"), [[w, -lag]], rtol=1e-6)
+    assert_allclose(Marks(bottom, "^"), [[w, -lag]], rtol=1e-6)
     ((w_pi, size),) = Marks(top, "s")
-    np.testing.assert_allclose(Marks(bottom, "s"), [[w_pi, -180.0]], rtol=1e-6)
+    assert_allclose(Marks(bottom, "s"), [[w_pi, -180.0]], rtol=1e-6)
     lags = 90 + math.degrees(math.atan(w_pi) + math.atan(w_pi / 2) + delay * w_pi)
     assert lags == pytest.approx(180.0, rel=1e-7)
     if delay == 0:
@@ -97,10 +98,10 @@ def test_the_curves_are_the_response_with_a_continuous_phase():
     top, bottom = PlotBode(MakeModel(THIRD, delay=3.0)).axes
     w, size = top.get_lines()[0].get_data()
     s = 1j * np.asarray(w)
-    np.testing.assert_allclose(size, np.abs(2 / (s * (s + 1) * (s + 2))), rtol=1e-12)
+    assert_allclose(size, np.abs(2 / (s * (s + 1) * (s + 2))), rtol=1e-12)
     phase = np.radians(bottom.get_lines()[0].get_ydata())
     expected = -math.pi / 2 - np.arctan(w) - np.arctan(w / 2) - 3.0 * w
-    np.testing.assert_allclose(phase, expected, atol=1e-9)
+    assert_allclose(phase, expected, atol=1e-9)
     w_pi = brentq(lambda w: math.pi / 2 - math.atan(w) - math.atan(w / 2) - 3 * w, 0, 1)
     size = 2 / (w_pi * math.hypot(1, w_pi) * math.hypot(2, w_pi))
     words = f"unstable; stable with less than {1 / size:.4g}\ntimes the gain"
@@ -111,10 +112,10 @@ def test_a_nyquist_plot_has_the_margins_of_an_unstable_plant():
     """The gain may fall to 1/3, where the locus begins, at L(0) = -3."""
     figure = PlotNyquist(MakeModel(UNSTABLE_PLANT))
     (ax,) = figure.axes
-    np.testing.assert_allclose(Marks(ax, "s"), [[-3.0, 0.0]], rtol=1e-8)
+    assert_allclose(Marks(ax, "s"), [[-3.0, 0.0]], rtol=1e-8)
     w = math.sqrt(8)
     L = 3 / (1j * w - 1)
-    np.testing.assert_allclose(Marks(ax, "o"), [[L.real, L.imag]], rtol=1e-6)
+    assert_allclose(Marks(ax, "o"), [[L.real, L.imag]], rtol=1e-6)
     assert Labels(figure) == [
         "-1",
         "gain margin 0.333 (-9.5 dB) at 0 rad/s",
@@ -131,7 +132,7 @@ def test_a_nyquist_plot_has_the_margins_of_an_unstable_plant():
 def test_a_loop_of_two_signals_has_two_loci():
     """The loop with 2 / s has the smaller delay margin, pi / 4 s."""
     figure = PlotBode(MakeModel(TWO_INTEGRATORS))
-    np.testing.assert_allclose(Marks(figure.axes[0], "^"), [[2.0, 1.0]], rtol=1e-6)
+    assert_allclose(Marks(figure.axes[0], "^"), [[2.0, 1.0]], rtol=1e-6)
     assert "delay margin 0.7854 s at 2 rad/s" in Labels(figure)
     assert Labels(figure)[-2:] == ["locus 1", "locus 2"]
 

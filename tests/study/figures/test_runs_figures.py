@@ -9,6 +9,7 @@ from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from numpy.testing import assert_allclose, assert_array_equal
 from scene_recordings import SOLVER
 from surfaces import Border
 
@@ -134,12 +135,12 @@ def test_curves_are_the_signals(comparison):
     assert len(t) > 1000  # Smooth, although there are 120 samples.
     unique = np.unique(direct.time)
     expected = direct.Interpolate("tool_velocity", unique)[:, 0]
-    np.testing.assert_allclose(np.interp(unique, t, v), 1e3 * expected, rtol=1e-12)
+    assert_allclose(np.interp(unique, t, v), 1e3 * expected, rtol=1e-12)
     x = direct.Interpolate("tool_position", unique)[:, 0]
-    np.testing.assert_allclose(
+    assert_allclose(
         np.interp(unique, t, against_x.get_xdata()), 1e3 * x, rtol=1e-12, atol=1e-12
     )
-    np.testing.assert_array_equal(against_x.get_ydata(), v)
+    assert_array_equal(against_x.get_ydata(), v)
 
 
 def test_a_jump_stays_a_jump(comparison):
@@ -312,7 +313,7 @@ def test_a_part_of_the_time_and_some_signals_are_shown():
     line = Curves(figure.axes[0])[-1]
     shown = np.interp(times, line.get_xdata(), line.get_ydata())
     expected = recording.Interpolate("tool_velocity", times)[:, 0]
-    np.testing.assert_allclose(shown, expected, atol=1e-7)
+    assert_allclose(shown, expected, atol=1e-7)
 
 
 PACKET = "forward packet sent"

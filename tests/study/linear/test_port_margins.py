@@ -6,9 +6,9 @@ import sys
 import numpy as np
 import pytest
 import scipy.signal
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.examples import PendulumPlant
 from pydrake.symbolic import Variable
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     Adder,
     AffineSystem,
@@ -17,6 +17,7 @@ from pydrake.systems.primitives import (
     LinearSystem,
     SymbolicVectorSystem,
 )
+from wired import InSeries, Wired
 
 from teleop_drake import AnalyzeStability, LoadScenario, MakeTeleoperator, simulate
 from teleop_drake.loops import DelayMargin, LinearizePorts, TransportDelay
@@ -30,30 +31,23 @@ def MakeLoop(A, B, C, K, *, inner=0.0, side=None):
     Args:
         side: Gain and delay of a second feedback of y.
     """
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", LinearSystem(A, B, C))
-    total = builder.AddNamedSystem("total", Adder(2, 1))
-    AddFeedback(builder, plant, total.get_input_port(0), K, inner, ("delay", "law"))
-    no_gain = np.zeros((1, len(C)))
-    gain, time = side or (no_gain, 0.0)
-    names = ("side_delay", "side_law")
-    AddFeedback(builder, plant, total.get_input_port(1), gain, time, names)
-    builder.Connect(total.get_output_port(), plant.get_input_port())
-    builder.ExportOutput(plant.get_output_port(), "y")
-    diagram = builder.Build()
+    n = len(C)
+    gain, time = side or (np.zeros((1, n)), 0.0)
+    diagram = Wired(
+        {
+            "plant": LinearSystem(A, B, C),
+            "total": Adder(2, 1),
+            "delay": TransportDelay(inner, n),
+            "law": LinearSystem(D=-np.atleast_2d(K)),
+            "side_delay": TransportDelay(time, n),
+            "side_law": LinearSystem(D=-np.atleast_2d(gain)),
+        },
+        InSeries("total", "plant", "delay", "law", "total.u0")
+        | InSeries("plant", "side_delay", "side_law", "total.u1"),
+        {"y": "plant"},
+    )
     diagram.set_name("loop")
     return diagram
-
-
-def AddFeedback(builder, plant, port, K, delay, names):
-    """Connects -K y(t - delay) to a port."""
-    output = plant.get_output_port()
-    channel = builder.AddNamedSystem(names[0], TransportDelay(delay, output.size()))
-    law = LinearSystem(D=-np.atleast_2d(K))
-    law = builder.AddNamedSystem(names[1], law)
-    builder.Connect(output, channel.get_input_port())
-    builder.Connect(channel.get_output_port(), law.get_input_port())
-    builder.Connect(law.get_output_port(), port)
 
 
 INTEGRATOR = ([[0.0]], [[1.0]], [[1.0]])
@@ -106,17 +100,12 @@ def test_state_feedback_of_a_double_integrator():
 
 def MakePendulum():
     """Returns a pendulum with the law u = -(k1 (x1 - pi) + k2 x2), 0.05 s late."""
-    plant = PendulumPlant()
-    law = AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi])
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("plant", plant)
-    builder.AddNamedSystem("delay", TransportDelay(0.05, 2))
-    builder.AddNamedSystem("law", law)
-    delay = builder.GetSubsystemByName("delay")
-    builder.Connect(plant.get_output_port(), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), law.get_input_port())
-    builder.Connect(law.get_output_port(), plant.get_input_port())
-    return builder.Build()
+    parts = {
+        "plant": PendulumPlant(),
+        "delay": TransportDelay(0.05, 2),
+        "law": AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi]),
+    }
+    return Wired(parts, InSeries("plant", "delay", "law", "plant"))
 
 
 def PendulumAt(diagram, angle):
@@ -255,9 +244,9 @@ def test_bode_is_scipys_and_follows_the_phase_of_a_delay():
     plant = diagram.GetSubsystemByName("plant")
     model = ModelAt(diagram, plant.get_input_port())
     bode = model.bode(w)
-    np.testing.assert_allclose(bode.magnitude, magnitude, rtol=1e-9, atol=1e-9)
+    assert_allclose(bode.magnitude, magnitude, rtol=1e-9, atol=1e-9)
     expected = phase - np.degrees(0.7 * w)
-    np.testing.assert_allclose(bode.phase, expected, rtol=1e-9, atol=1e-6)
+    assert_allclose(bode.phase, expected, rtol=1e-9, atol=1e-6)
     own = model.bode()
     assert own.frequencies[0] < 0.11 and own.frequencies[-1] > 9
     assert model.A.shape == (3, 3) and model.D.shape == (2, 2)
@@ -285,8 +274,8 @@ def test_bode_at_the_frequency_of_an_undamped_mode():
     bode = model.bode([0.5, 1.0, 2.0])
     assert bode.magnitude[1] == math.inf
     sizes = 20 * np.log10([1 / 0.75, 1 / 3])
-    np.testing.assert_allclose(bode.magnitude[[0, 2]], sizes)
-    np.testing.assert_allclose(np.abs(bode.phase), [0.0, 180.0, 180.0], atol=1e-6)
+    assert_allclose(bode.magnitude[[0, 2]], sizes)
+    assert_allclose(np.abs(bode.phase), [0.0, 180.0, 180.0], atol=1e-6)
 
 
 def test_python_control_finds_the_margins_of_the_same_loop():
@@ -297,14 +286,14 @@ def test_python_control_finds_the_margins_of_the_same_loop():
     converted = model.to_control(order=6)
     w = np.array([0.1, 1.0, 5.0])
     response = converted(1j * w)
-    np.testing.assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
+    assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
     gain, phase, _, _ = control.margin(converted)
     assert math.radians(phase) == pytest.approx(model.margins().phase, rel=1e-6)
     assert gain == pytest.approx(model.margins().gain[1], rel=1e-6)
     undelayed = MakeLoop(*DOUBLE, [[4.0, 2.0]])
     port = undelayed.GetSubsystemByName("plant").get_input_port()
     model = ModelAt(undelayed, port)
-    np.testing.assert_array_equal(model.to_control().A, model.A)
+    assert_array_equal(model.to_control().A, model.A)
 
 
 # python-control hides a warning of NumPy's, and then returns another kind of system.
@@ -318,17 +307,17 @@ def test_a_loop_has_the_sign_of_negative_feedback():
     w = np.array([0.2, 1.0, 2.0])
     L = 3 / (1 + 1j * w) ** 3 * np.exp(-0.1j * w)
     converted = model.to_control(order=6)
-    np.testing.assert_allclose(model.Response(w)[:, 0, 0], L, rtol=1e-9)
-    np.testing.assert_allclose(converted(1j * w), L, rtol=1e-9)
+    assert_allclose(model.Response(w)[:, 0, 0], L, rtol=1e-9)
+    assert_allclose(converted(1j * w), L, rtol=1e-9)
     bode = model.bode(w)
     degrees = np.degrees(np.unwrap(np.angle(L)))
-    np.testing.assert_allclose(bode.magnitude, 20 * np.log10(np.abs(L)), rtol=1e-9)
-    np.testing.assert_allclose(bode.phase, degrees, rtol=1e-9)
+    assert_allclose(bode.magnitude, 20 * np.log10(np.abs(L)), rtol=1e-9)
+    assert_allclose(bode.phase, degrees, rtol=1e-9)
     # A deviation that is added to the signal at the port comes back as -L/(1 + L).
     closed = LinearizePorts(diagram, diagram.CreateDefaultContext(), port)
     around = control.feedback(converted)(1j * w)
-    np.testing.assert_allclose(around, L / (1 + L), rtol=1e-9)
-    np.testing.assert_allclose(closed.Response(w)[:, 0, 0], -around, rtol=1e-9)
+    assert_allclose(around, L / (1 + L), rtol=1e-9)
+    assert_allclose(closed.Response(w)[:, 0, 0], -around, rtol=1e-9)
 
 
 def test_without_python_control_it_says_what_to_install(monkeypatch):
@@ -355,10 +344,8 @@ def test_what_is_no_loop_has_no_margins():
     )
     with pytest.raises(ValueError, match=r"must be a loop"):
         through.margins()
-    builder = DiagramBuilder()
-    alone = builder.AddNamedSystem("alone", Integrator(1))
-    builder.ExportInput(alone.get_input_port())
-    diagram = builder.Build()
+    alone = Integrator(1)
+    diagram = Wired({"alone": alone}, {}, inputs={"u": "alone"})
     context = diagram.CreateDefaultContext()
     with pytest.raises(ValueError, match="input is not connected"):
         DelayMargin(diagram, context, alone.get_input_port())
@@ -370,17 +357,14 @@ def test_delays_in_series_are_settled():
     """dx/dt = c - x^2(t - T1 - T2) has the equilibrium x = sqrt(c), with slope -2 x."""
     x = Variable("x")
     u = Variable("u")
-    builder = DiagramBuilder()
     plant = SymbolicVectorSystem(
         state=[x], input=[u], dynamics=[4.0 - u**2], output=[x]
     )
-    plant = builder.AddNamedSystem("plant", plant)
-    first = builder.AddNamedSystem("first", TransportDelay(0.1, 1))
-    second = builder.AddNamedSystem("second", TransportDelay(0.05, 1))
-    builder.Connect(plant.get_output_port(), first.get_input_port())
-    builder.Connect(first.get_output_port(), second.get_input_port())
-    builder.Connect(second.get_output_port(), plant.get_input_port())
-    diagram = builder.Build()
+    second = TransportDelay(0.05, 1)
+    diagram = Wired(
+        {"plant": plant, "first": TransportDelay(0.1, 1), "second": second},
+        {"first": "plant", "second": "first", "plant": "second"},
+    )
     context = diagram.CreateDefaultContext()
     plant.GetMyMutableContextFromRoot(context).SetContinuousState([2.0])
     for port in (plant.get_output_port(), second.get_output_port()):

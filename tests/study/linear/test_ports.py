@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drake_systems import FinishArm, TheMeshcat
+from numpy.testing import assert_allclose
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import (
@@ -19,6 +20,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 from pydrake.visualization import AddDefaultVisualization
+from wired import Wired
 
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.loops.linear.ports import LinearizePorts
@@ -34,24 +36,23 @@ K = 0.7
 
 def MakeLoop():
     """Returns the loop r -> (+) -> 1 / (s + 2) -> y with the feedback -K y(t - T)."""
-    builder = DiagramBuilder()
-    adder = builder.AddNamedSystem("adder", Adder(2, 1))
-    plant = builder.AddNamedSystem("plant", LinearSystem([[-2.0]], [[1.0]], [[1.0]]))
-    inner = DiagramBuilder()
-    gain = inner.AddNamedSystem("gain", Gain(-K, 1))
-    delay = inner.AddNamedSystem("delay", TransportDelay(delay=T, size=1))
-    inner.Connect(gain.get_output_port(), delay.get_input_port())
-    inner.ExportInput(gain.get_input_port(), "y")
-    inner.ExportOutput(delay.get_output_port(), "fed_back")
-    feedback = inner.Build()
+    feedback = Wired(
+        {"gain": Gain(-K, 1), "delay": TransportDelay(delay=T, size=1)},
+        {"delay": "gain"},
+        {"fed_back": "delay"},
+        inputs={"y": "gain"},
+    )
     feedback.set_name("feedback")
-    builder.AddSystem(feedback)
-    builder.Connect(adder.get_output_port(), plant.get_input_port())
-    builder.Connect(plant.get_output_port(), feedback.get_input_port())
-    builder.Connect(feedback.get_output_port(), adder.get_input_port(1))
-    builder.ExportInput(adder.get_input_port(0), "r")
-    builder.ExportOutput(plant.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "adder": Adder(2, 1),
+            "plant": LinearSystem([[-2.0]], [[1.0]], [[1.0]]),
+            "feedback": feedback,
+        },
+        {"plant": "adder", "feedback": "plant", "adder.u1": "feedback"},
+        {"y": "plant"},
+        inputs={"r": "adder.u0"},
+    )
     diagram.set_name("loop")
     return diagram
 
@@ -77,7 +78,7 @@ def test_closed_loop_from_the_diagrams_own_ports():
     )
     assert model.by_differences == () and model.held == ()
     expected = Plant() / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
 
 
 def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
@@ -89,7 +90,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
         diagram, context, feedback.get_input_port(), plant.get_output_port()
     )
     expected = -LOOP_GAIN / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-12)
     # Opened within the nested diagram, the response is minus the loop gain.
     gain = feedback.GetSubsystemByName("gain")
     opened = LinearizePorts(
@@ -99,7 +100,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
         plant.get_output_port(),
         is_opened=True,
     )
-    np.testing.assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-12)
+    assert_allclose(opened.Response(W)[:, 0, 0], -LOOP_GAIN, rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "wave_variables"])
@@ -129,7 +130,7 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
         + slave.D
         for w in W
     ]
-    np.testing.assert_allclose(response, expected, rtol=1e-5, atol=1e-7)
+    assert_allclose(response, expected, rtol=1e-5, atol=1e-7)
     assert any("environment" in name for name in model.held)
 
 
@@ -193,13 +194,15 @@ def LayerAt(position, teleoperator):
 
 def test_what_a_delay_delivers_may_be_the_output_and_may_enter_a_delay():
     """Two delays in series, from the diagram's input to its output."""
-    builder = DiagramBuilder()
-    first = builder.AddNamedSystem("first", TransportDelay(delay=0.1, size=1))
-    second = builder.AddNamedSystem("second", TransportDelay(delay=T, size=1))
-    builder.Connect(first.get_output_port(), second.get_input_port())
-    builder.ExportInput(first.get_input_port(), "u")
-    builder.ExportOutput(second.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "first": TransportDelay(delay=0.1, size=1),
+            "second": TransportDelay(delay=T, size=1),
+        },
+        {"second": "first"},
+        {"y": "second"},
+        inputs={"u": "first"},
+    )
     model = LinearizePorts(
         diagram,
         diagram.CreateDefaultContext(),
@@ -207,7 +210,7 @@ def test_what_a_delay_delivers_may_be_the_output_and_may_enter_a_delay():
         diagram.get_output_port(),
     )
     expected = np.exp(-1j * W * (0.1 + T))
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
     context = diagram.CreateDefaultContext()
     diagram.get_input_port().FixValue(context, [2.5])
     with pytest.raises(ValueError, match=r"'first' with an output .* by 2\.5 "):
@@ -229,7 +232,7 @@ def test_a_deviation_added_to_what_a_delay_delivers(is_opened):
         is_opened=is_opened,
     )
     expected = Plant() if is_opened else Plant() / (1 + LOOP_GAIN)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
 
 
 class Cubic(LeafSystem):
@@ -254,14 +257,13 @@ class Cubic(LeafSystem):
 
 def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
     """u -> delay -> Cubic -> y, at x = 0.5 and u = 0.25, which is no equilibrium."""
-    builder = DiagramBuilder()
     delay = TransportDelay(delay=T, size=1, initial_value=[0.25])
-    builder.AddNamedSystem("delay", delay)
-    cubic = builder.AddNamedSystem("cubic", Cubic())
-    builder.Connect(delay.get_output_port(), cubic.get_input_port())
-    builder.ExportInput(delay.get_input_port(), "u")
-    builder.ExportOutput(cubic.get_output_port(), "y")
-    diagram = builder.Build()
+    diagram = Wired(
+        {"delay": delay, "cubic": Cubic()},
+        {"cubic": "delay"},
+        {"y": "cubic"},
+        inputs={"u": "delay"},
+    )
     model = LinearizePorts(
         diagram,
         diagram.CreateDefaultContext(),
@@ -271,7 +273,7 @@ def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
     )
     assert model.by_differences == ("cubic",)
     expected = (3 * 0.25**2 - 1 / (1j * W + 3 * 0.5**2)) * np.exp(-1j * W * T)
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-9)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-9)
 
 
 def _MakeArm(add):
@@ -297,7 +299,7 @@ def _CheckArm(diagram, plant, by_differences):
     )
     expected = -1 / (0.004 * W**2)
     rtol = 1e-8 if by_differences else 1e-12
-    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=rtol)
+    assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=rtol)
     assert model.by_differences == by_differences
 
 
@@ -371,4 +373,4 @@ def test_a_constant_force_that_drake_does_not_convert_is_named(is_fixed):
         is_moving=True,
     )
     assert model.by_differences == ("plant" if is_fixed else "force",)
-    np.testing.assert_allclose(model.D, [[1 / 0.004]], rtol=1e-8)
+    assert_allclose(model.D, [[1 / 0.004]], rtol=1e-8)

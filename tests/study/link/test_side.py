@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from grids import Slow
 from link_networks import KEY, Fates, Network
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.run.simulate import simulate
 from teleop_drake.model.scenario import LoadScenario, ScenarioError
@@ -167,7 +168,7 @@ def test_who_is_left_alone_ends_safe():
     assert recording.termination == "interrupted"
     assert np.all(recording["forward_packet_received"][-250:] == 0)
     # The recording is complete.
-    np.testing.assert_allclose(np.diff(recording.time), 0.002)
+    assert_allclose(np.diff(recording.time), 0.002)
     # The other side resumes after the end, when it receives nothing either.
     network.Run(sides)
     assert sides[0].reason in ("", "the other side has ended")
@@ -204,7 +205,7 @@ def test_forces_fade_after_a_sleep_that_is_longer_than_the_fade(stopped):
     assert np.all(np.abs(before) > 1e-5)
     # The position, which is first in packets from the robot, is held.
     shares = 1 - np.arange(11)[:, np.newaxis] / 50 * [stopped, 1]
-    np.testing.assert_allclose(received[awake : awake + 11], before * shares)
+    assert_allclose(received[awake : awake + 11], before * shares)
 
 
 def test_one_that_was_started_anew_is_another_one():
@@ -414,13 +415,13 @@ def test_the_log_has_every_tick_while_the_side_runs(tmp_path):
         assert side.reason is None
         log = np.genfromtxt(file, delimiter=",", names=True)
         recording = side.Recording()
-        np.testing.assert_allclose(log["time_s"], recording.time, atol=1e-9)
+        assert_allclose(log["time_s"], recording.time, atol=1e-9)
         for name in ("packet_age", "round_trip", "period", "lateness"):
             measured = recording[name][:, 0]
-            np.testing.assert_allclose(log[f"{name}_s"], measured, rtol=1e-8)
+            assert_allclose(log[f"{name}_s"], measured, rtol=1e-8)
         sent = recording[f"{side.spoken}_packet_sent"]
         for i in range(2):
-            np.testing.assert_allclose(log[f"sent_{i}"], sent[:, i], rtol=1e-8)
+            assert_allclose(log[f"sent_{i}"], sent[:, i], rtol=1e-8)
         ticks = [tick.tick for tick in side.measured.ticks]
         in_use = side.measured.used[side.heard][ticks]
         assert log["tick_of_packet_in_use"].tolist() == in_use.tolist()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from delayed_systems import Retarded, Scalar
 from grids import Slow
+from numpy.testing import assert_allclose
 from scipy.linalg import eigvals
 
 from teleop_drake.loops.numerics.characteristic_roots import characteristic_roots
@@ -62,7 +63,7 @@ def test_oscillator_with_delayed_positive_feedback():
             expected.append((begin, end))
     assert len(expected) == 5
     found = stable_delays(loop, 200.0)
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    assert_allclose(found, expected, rtol=1e-10)
 
 
 def CookeGrossman(a, c, d):
@@ -97,7 +98,7 @@ def test_windows_reopen_finitely_often():
     ]
     # A pair crosses again after 2 pi/w.
     expected = [(0.0, T1), (T2, T1 + 2 * math.pi / w1)]
-    np.testing.assert_allclose(stable_delays(loop, 60.0), expected, rtol=1e-10)
+    assert_allclose(stable_delays(loop, 60.0), expected, rtol=1e-10)
 
 
 def test_number_of_unstable_roots_is_what_collocation_finds():
@@ -143,7 +144,7 @@ def test_matrix_pencil_finds_the_same_frequencies(seed):
     A0 = random.normal(size=(4, 4)) - 1.5 * np.eye(4)
     A1 = random.normal(size=(4, 2)) @ random.normal(size=(2, 4))
     crossings = find_crossings(Retarded(A0, A1))
-    np.testing.assert_allclose(
+    assert_allclose(
         [c.frequency for c in crossings], KroneckerFrequencies(A0, A1), rtol=1e-5
     )
     # At each crossing's delay there is a root on the axis.
@@ -165,7 +166,7 @@ def test_identical_axes_cross_twice():
         assert each.direction == crossing.direction
     assert len(find_crossings(two)) == 2
     both = stable_delays(two, 9.0), stable_delays(one, 9.0)
-    np.testing.assert_allclose(*both, rtol=1e-14)
+    assert_allclose(*both, rtol=1e-14)
 
 
 def test_feedthrough():

@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.model.scenario import LoadScenario
 from teleop_drake.study.analysis.stability import AnalyzeStability
@@ -52,7 +53,7 @@ def test_another_delay_counts_as_well():
     forward = Find("forward_delay", (*COMMANDING, "return_channel.delay=0.1"))
     for name, ends in Find().items():
         expected = np.maximum(2 * ends - 0.1, 0)
-        np.testing.assert_allclose(forward[name], expected, atol=1e-6)
+        assert_allclose(forward[name], expected, atol=1e-6)
 
 
 def test_what_lies_beyond_the_map_has_no_end():
@@ -67,7 +68,7 @@ def test_on_the_bone_it_is_the_loop_of_the_runs():
     assert holding.pop("bone, force held").tolist() == [np.inf, np.inf]
     assert list(holding) == list(commanding) == ["tissue", "free"]
     for name, ends in commanding.items():
-        np.testing.assert_array_equal(holding[name], ends)
+        assert_array_equal(holding[name], ends)
 
 
 @pytest.mark.slow
@@ -126,7 +127,7 @@ def test_maps_have_the_boundary_over_them():
     figure = PlotMap(result, "collision.peak_force", boundaries=boundaries)
     ax, bar = figure.axes
     shown, ended = (cells.get_array() for cells in ax.collections)
-    np.testing.assert_allclose(shown.filled(np.nan), [[2.0, 1.6], [np.nan, np.nan]])
+    assert_allclose(shown.filled(np.nan), [[2.0, 1.6], [np.nan, np.nan]])
     assert ended.mask.tolist() == [[True, True], [False, False]]
     assert ax.lines[1].get_xdata().tolist() == [0.12, np.inf]
     assert ax.lines[1].get_ydata().tolist() == MASSES

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.cli import main
 from teleop_drake.model.scenario import LoadScenario
@@ -109,8 +110,8 @@ def test_figure_without_any_other_key():
     middle, *runs = [line.get_ydata() for line in ax.lines if line.get_marker() == "."]
     values = result.Values(METRIC)
     values[1, :4] = np.nan
-    np.testing.assert_allclose(np.transpose(runs), values)
-    np.testing.assert_allclose(middle, np.nanmedian(values, axis=1))
+    assert_allclose(np.transpose(runs), values)
+    assert_allclose(middle, np.nanmedian(values, axis=1))
     assert not VariesSeedsOnly(Result(delay=[0.1, 0.2]))
 
 

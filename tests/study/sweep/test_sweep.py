@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from runs import Run
 
 from teleop_drake.cli import main
@@ -679,8 +680,8 @@ def test_plot_against_delay():
     lines = [line for line in ax.lines if len(line.get_xdata()) == 3]
     assert len(lines) == 2
     for line in lines:
-        np.testing.assert_allclose(line.get_xdata(), [0.1, 0.2, 0.3])
-        np.testing.assert_allclose(line.get_ydata(), [2.0, 3.0, np.nan])
+        assert_allclose(line.get_xdata(), [0.1, 0.2, 0.3])
+        assert_allclose(line.get_ydata(), [2.0, 3.0, np.nan])
     marks = {
         line.get_marker(): line.get_xdata().tolist()
         for line in ax.lines
@@ -727,7 +728,7 @@ def test_bands_over_seeds():
         for line in ax.lines
         if line.get_linestyle() == "-" and line.get_marker() == "."
     ]
-    np.testing.assert_allclose(line.get_ydata(), [2.0, 3.5])
+    assert_allclose(line.get_ydata(), [2.0, 3.5])
     band, bars = ax.collections
     corners = {tuple(x) for x in band.get_paths()[0].vertices.round(9).tolist()}
     assert corners == {(0.1, 1.1), (0.1, 4.7), (0.2, 3.05), (0.2, 3.95)}

@@ -7,10 +7,11 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator, RandomSource
+from wired import Wired
 
 from teleop_drake import ScenarioError, Sweep, TransportDelay
 from teleop_drake.loops.run.compiled_system import CompiledSystem
@@ -21,26 +22,22 @@ GRID = {"sensor.delay": DELAYS, "gain.k": [-1.0, -2.0]}
 
 def MakeLoop():
     """The loop with the Context where it begins."""
-    builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator(1))
-    sensor = builder.AddNamedSystem("sensor", TransportDelay(0.1, 1))
-    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
-    builder.Connect(plant.get_output_port(), sensor.get_input_port())
-    builder.Connect(sensor.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), plant.get_input_port())
-    diagram = builder.Build()
+    diagram = Wired(
+        {
+            "plant": Integrator(1),
+            "sensor": TransportDelay(0.1, 1),
+            "gain": Gain(-1.0, 1),
+        },
+        {"sensor": "plant", "gain": "sensor", "plant": "gain"},
+    )
     context = diagram.CreateDefaultContext()
     context.SetContinuousState([1.0])
     return diagram, context
 
 
 def MakeNoise():
-    builder = DiagramBuilder()
     noise = RandomSource(RandomDistribution.kGaussian, 1, 0.1)
-    noise = builder.AddNamedSystem("noise", noise)
-    plant = builder.AddNamedSystem("plant", Integrator(1))
-    builder.Connect(noise.get_output_port(), plant.get_input_port())
-    return builder.Build()
+    return Wired({"noise": noise, "plant": Integrator(1)}, {"plant": "noise"})
 
 
 def Last(recording):
@@ -68,7 +65,7 @@ def test_values_are_those_of_the_method_of_steps():
     """Also with a delay of 0, which needs another program."""
     result = SweepHere()
     expected = [[Exact(delay, k) for k in GRID["gain.k"]] for delay in DELAYS]
-    np.testing.assert_allclose(result.Values("last"), expected, rtol=1e-8, atol=1e-12)
+    assert_allclose(result.Values("last"), expected, rtol=1e-8, atol=1e-12)
     assert [row["gain.k"] for row in result.Table()[:2]] == [-1.0, -2.0]
 
 
@@ -126,7 +123,7 @@ def test_samples_of_several_numbers_have_a_run_each():
     diagram, context = MakeLoop()
     result = Sweep(diagram, samples, metrics=METRICS, duration=2.0, context=context)
     expected = [2 * Exact(0.5, -1.0), 3 * Exact(0.2, -1.0)]
-    np.testing.assert_allclose(result.Values("last"), expected, rtol=1e-8)
+    assert_allclose(result.Values("last"), expected, rtol=1e-8)
     assert result.axes == {"run": [0, 1]}
 
 

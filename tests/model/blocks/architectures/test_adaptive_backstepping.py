@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from block_checks import Block, Feedthrough, Gains, RandomInputs, backstepping_rate
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake import MakePage
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -69,7 +70,7 @@ def test_the_block_is_the_law(n):
     for name, value in expected.items():
         found = now.Rate() if name == "rate" else now[name]
         # Compiled, the law may round in another way.
-        np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-13, err_msg=name)
+        assert_allclose(found, value, rtol=1e-12, atol=1e-13, err_msg=name)
 
 
 def test_start_ports_and_feedthrough_of_the_block():
@@ -78,7 +79,7 @@ def test_start_ports_and_feedthrough_of_the_block():
     state = Block(block, {}).context.get_continuous_state_vector().CopyToVector()
     zeros = np.zeros(50)
     psi = Gains(2).Psi0.ravel()
-    np.testing.assert_array_equal(state, np.concatenate(([0, 0], zeros, psi, zeros)))
+    assert_array_equal(state, np.concatenate(([0, 0], zeros, psi, zeros)))
     ports = map(block.get_output_port, range(block.num_output_ports()))
     assert {port.get_name(): port.size() for port in ports} == {
         "control_force": 2,
@@ -108,9 +109,9 @@ def Facts(name="two_dof_combined"):
 def test_numbers_stand_for_multiples_of_the_identity():
     G1 = np.array([[4.0, 1.0], [1.0, 3.0]])
     gains = Config(G1=G1, initial_psi=7.0).Resolve(Facts(), "controller")
-    np.testing.assert_array_equal(gains.G1, G1)
-    np.testing.assert_array_equal(gains.G2, 20 * np.eye(2))
-    np.testing.assert_array_equal(gains.Psi0, 7 * np.eye(2))
+    assert_array_equal(gains.G1, G1)
+    assert_array_equal(gains.G2, 20 * np.eye(2))
+    assert_array_equal(gains.Psi0, 7 * np.eye(2))
     assert (gains.beta1, gains.nu3, gains.Upsilon, gains.Psi_min) == (0.1, 0.1, 1, 0.1)
 
 
@@ -126,7 +127,7 @@ def test_psi_derives_from_inertia_and_damping():
     gains = Config(Lambda=Lambda).Resolve(facts, "controller")
     weight = np.eye(2) + Lambda @ facts.environment_damping
     expected = weight @ np.linalg.inv(facts.inertia)
-    np.testing.assert_allclose(gains.Psi0, expected, rtol=1e-12)
+    assert_allclose(gains.Psi0, expected, rtol=1e-12)
 
 
 def test_it_takes_its_parameters_from_what_has_them():
@@ -231,7 +232,7 @@ def test_velocity_as_an_input_of_the_networks():
     runs = [simulate(scenario, engine=engine) for engine in ("drake", "compiled")]
     one, other = (run.Interpolate("weights_1", times) for run in runs)
     assert one.shape == (61, 5 * 3)
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(one).max())
+    assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(one).max())
     plain = simulate(
         LoadScenario(
             "one_dof",

@@ -5,9 +5,11 @@ import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from runs import Run
+from wired import Wired
 
 from teleop_drake.model.blocks.architectures import Architecture
 from teleop_drake.model.blocks.architectures.direct_force import DirectForce
@@ -42,18 +44,21 @@ def PlainMasterSide(n):
 
 def PlainSlaveSide(n):
     """Applies the force that comes second, and returns [v; p]."""
-    builder = DiagramBuilder()
-    unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n, n]))
-    law = builder.AddNamedSystem("law", DirectForce(num_axes=n))
-    pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-    builder.ExportInput(unpack.get_input_port(), "forward_packet")
-    builder.Connect(unpack.get_output_port(1), law.GetInputPort("haptic_force"))
-    builder.ExportInput(pack.get_input_port(0), "tool_velocity")
-    builder.ExportInput(pack.get_input_port(1), "tool_position")
-    builder.ExportInput(law.GetInputPort("environment_force"), "environment_force")
-    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
-    builder.ExportOutput(pack.get_output_port(), "return_packet")
-    return builder.Build()
+    return Wired(
+        {
+            "unpack": Demultiplexer([n, n, n]),
+            "law": DirectForce(num_axes=n),
+            "pack": Multiplexer([n, n]),
+        },
+        {"law.haptic_force": "unpack.y1"},
+        {"control_force": "law.control_force", "return_packet": "pack"},
+        inputs={
+            "forward_packet": "unpack",
+            "tool_velocity": "pack.u0",
+            "tool_position": "pack.u1",
+            "environment_force": "law.environment_force",
+        },
+    )
 
 
 def PlainArchitecture(scenario):
@@ -81,7 +86,7 @@ def test_direct_force_in_other_packets_is_direct_force(plain):
     for signal in ("tool_position", "tool_velocity", "control_force"):
         times = np.linspace(0, 4, 1001)
         expected = theirs.Interpolate(signal, times)
-        np.testing.assert_allclose(
+        assert_allclose(
             plain.Interpolate(signal, times), expected, atol=1e-4 * np.ptp(expected)
         )
     for event in ("puncture", "contact", "release", "surgeon_force"):
@@ -105,7 +110,7 @@ def test_metrics_do_not_depend_on_the_packets(plain):
 
 def test_recording_and_figures_take_any_packet(plain, tmp_path):
     theirs = Run("two_dof_combined", "direct_force", "duration=4.0")
-    np.testing.assert_allclose(plain.commands[-1], theirs.commands[-1], atol=1e-6)
+    assert_allclose(plain.commands[-1], theirs.commands[-1], atol=1e-6)
     assert theirs.commands is theirs["forward_packet_sent"]
     assert PlotRun(plain).axes
     plain.Save(tmp_path / "run.npz")
@@ -159,11 +164,11 @@ def test_every_other_architecture_resolves_its_defaults():
         for field in dataclasses.fields(config):
             is_gain = isinstance(getattr(config, field.name), np.ndarray)
             if is_gain:
-                np.testing.assert_array_equal(
+                assert_array_equal(
                     getattr(config, field.name), getattr(again, field.name)
                 )
     auto = LoadScenario("two_dof_combined", {"controller.initial_psi": "auto"})
-    np.testing.assert_array_equal(ResolveController(auto).Psi0, auto.initial_psi)
+    assert_array_equal(ResolveController(auto).Psi0, auto.initial_psi)
 
 
 # Of each kind: fields of its own and others, and the beginning of what is said.

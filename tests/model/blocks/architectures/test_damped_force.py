@@ -4,6 +4,7 @@ import appendix_a as arm
 import numpy as np
 import pytest
 from block_checks import AssertFeedthroughIsReal, Block, RandomInputs
+from numpy.testing import assert_allclose
 from runs import Run
 from scipy.optimize import brentq
 
@@ -33,8 +34,8 @@ def test_the_force_acts_as_it_arrives_less_that_of_the_damper(against):
     F_h, v_d = np.split(inputs["forward_packet"], 2)
     reference = v_d if against == "command" else 0.0
     braking = B @ (inputs["tool_velocity"] - reference)
-    np.testing.assert_allclose(now["damping_force"], braking)
-    np.testing.assert_allclose(now["control_force"], F_h - braking)
+    assert_allclose(now["damping_force"], braking)
+    assert_allclose(now["control_force"], F_h - braking)
     AssertFeedthroughIsReal(DampedForce(num_axes=2, damping=B, against=against))
 
 

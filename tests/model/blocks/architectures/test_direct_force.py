@@ -1,8 +1,8 @@
 """Direct force application: a wire with the ports of a control law."""
 
-import numpy as np
 import pytest
 from block_checks import Block, Feedthrough, RandomInputs
+from numpy.testing import assert_array_equal
 
 from teleop_drake.model.blocks.architectures.base import LAW_INPUTS
 from teleop_drake.model.blocks.architectures.direct_force import (
@@ -25,9 +25,9 @@ def test_the_force_acts_as_it_arrives():
     slave = sides.slave_side
     inputs = RandomInputs(slave, 1)
     now = Block(slave, inputs)
-    np.testing.assert_array_equal(now["control_force"], inputs["forward_packet"][:2])
+    assert_array_equal(now["control_force"], inputs["forward_packet"][:2])
     sent = [*inputs["tool_position"], *inputs["tool_velocity"]]
-    np.testing.assert_array_equal(now["return_packet"], sent)
+    assert_array_equal(now["return_packet"], sent)
     assert Feedthrough(slave) == {
         "control_force": {"forward_packet"},
         "return_packet": {"tool_position", "tool_velocity"},
@@ -42,6 +42,6 @@ def test_ports():
     assert names == list(LAW_INPUTS)
     # The other inputs need not be connected.
     now = Block(block, {"haptic_force": [1.0, 2.0]})
-    np.testing.assert_array_equal(now["control_force"], [1.0, 2.0])
+    assert_array_equal(now["control_force"], [1.0, 2.0])
     with pytest.raises(ValueError, match="num_axes = 0: must be a finite number >= 1"):
         DirectForce(num_axes=0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from block_checks import AssertFeedthroughIsReal, Block, RandomInputs
+from numpy.testing import assert_allclose, assert_array_equal
 from phasors import FeltImpedance
 
 from teleop_drake.model.blocks.architectures.four_channel import (
@@ -50,13 +51,13 @@ def test_the_master_by_its_equation():
     force = 0.8 * F_h - 0.9 * F_e - (B + B_c) @ v_m - K_c @ (x_m - START)
     force += 1.1 * ((B + B_c) @ v + K_c @ (p - START))
     expected = np.concatenate([v_m, np.linalg.solve(M, force)])
-    np.testing.assert_allclose(now.Rate(), expected, rtol=1e-12)
-    np.testing.assert_array_equal(now["forward_packet"], [*x_m, *v_m, *F_h])
-    np.testing.assert_array_equal(now["felt_position"], p)
-    np.testing.assert_array_equal(now["felt_velocity"], v_m)
+    assert_allclose(now.Rate(), expected, rtol=1e-12)
+    assert_array_equal(now["forward_packet"], [*x_m, *v_m, *F_h])
+    assert_array_equal(now["felt_position"], p)
+    assert_array_equal(now["felt_velocity"], v_m)
     AssertFeedthroughIsReal(block)
     start = Block(block, RandomInputs(block, 0))
-    np.testing.assert_array_equal(start["forward_packet"][:4], [*START, 0.0, 0.0])
+    assert_array_equal(start["forward_packet"][:4], [*START, 0.0, 0.0])
 
 
 def test_the_slave_by_its_equation():
@@ -69,8 +70,8 @@ def test_the_slave_by_its_equation():
     now = Block(block, inputs)
     force = 0.9 * F_h + 0.2 * F_e - B_c @ v - K_c @ (p - START)
     force += 1.1 * ((B + B_c) @ v_m + K_c @ (x_m - START))
-    np.testing.assert_allclose(now["control_force"], force, rtol=1e-12)
-    np.testing.assert_array_equal(now["return_packet"], [*p, *v, *F_e])
+    assert_allclose(now["control_force"], force, rtol=1e-12)
+    assert_array_equal(now["return_packet"], [*p, *v, *F_e])
     AssertFeedthroughIsReal(block)
 
 

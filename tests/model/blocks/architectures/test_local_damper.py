@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from block_checks import AssertFeedthroughIsReal
 from grids import Slow
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.blocks.architectures import ARCHITECTURE_KINDS
 from teleop_drake.model.blocks.architectures.local_damper import (
@@ -116,7 +117,7 @@ def test_the_two_port_does_not_know_the_reference(kind):
         point = replace(OperatingPoints(scenario)[-1], velocity=np.zeros(1))
         model = Linearizer(scenario, at_ports=True).TwoPort(point)
         found.append(model.Admittance(frequencies, forward_delay=T_F, return_delay=T_R))
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-12)
+    assert_allclose(found[1], found[0], rtol=1e-12)
     if kind == "wave_variables":
         assert llewellyn(found[1]).min() >= 1.0
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import own_kinds
 import pytest
+from numpy.testing import assert_array_equal
 from pydrake.autodiffutils import AutoDiffXd
 
 from teleop_drake import MakePage
@@ -51,7 +52,7 @@ def test_a_function_is_the_block_that_computes_the_same(engine):
 def test_a_class_is_named_as_it_is():
     own = Run("own_kinds:Unconverted", {"damping": 0.4})
     config = Run("own_kinds:BrakedForce", {"damping": 0.4})
-    np.testing.assert_array_equal(own["tool_velocity"], config["tool_velocity"])
+    assert_array_equal(own["tool_velocity"], config["tool_velocity"])
 
 
 @pytest.mark.slow
@@ -77,7 +78,7 @@ def test_its_gains_are_numeric_parameters_of_its_context():
         law.get_input_port(i).FixValue(context, np.array(value, dtype=float))
     context.get_mutable_numeric_parameter(0).SetAtIndex(0, 10.0)
     force = law.get_output_port().Eval(context)
-    np.testing.assert_array_equal(force, [1 + 20 + 3, 1 - 50 + 4])
+    assert_array_equal(force, [1 + 20 + 3, 1 - 50 + 4])
 
 
 @pytest.mark.parametrize("law", ["own", "block"])
@@ -91,7 +92,7 @@ def test_it_linearises_exactly(law):
         seed = np.array([AutoDiffXd(0.1 * i, np.eye(5)[i])])
         dual.get_input_port(i).FixValue(context, seed)
     slopes = dual.get_output_port(0).Eval(context)[0].derivatives()
-    np.testing.assert_array_equal(slopes, [1.0, 2.0, 0.0, -2.0, 0.0])
+    assert_array_equal(slopes, [1.0, 2.0, 0.0, -2.0, 0.0])
 
 
 @pytest.mark.slow

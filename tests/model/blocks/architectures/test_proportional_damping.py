@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from block_checks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 from runs import TASKS
 
 from teleop_drake.model.blocks.architectures.proportional_damping import (
@@ -38,19 +39,19 @@ def test_the_master_by_its_equation():
     now = Block(block, inputs, np.concatenate([x_m, v_m]))
     force = F_h - K @ (x_m - x_s) - B @ v_m
     expected = np.concatenate([v_m, np.linalg.solve(M, force)])
-    np.testing.assert_allclose(now.Rate(), expected, rtol=1e-12)
-    np.testing.assert_array_equal(now["felt_position"], x_s)
-    np.testing.assert_array_equal(now["felt_velocity"], v_m)
-    np.testing.assert_array_equal(now["forward_packet"], x_m)
-    np.testing.assert_allclose(now["coupling_force"], K @ (x_m - x_s), rtol=1e-12)
+    assert_allclose(now.Rate(), expected, rtol=1e-12)
+    assert_array_equal(now["felt_position"], x_s)
+    assert_array_equal(now["felt_velocity"], v_m)
+    assert_array_equal(now["forward_packet"], x_m)
+    assert_allclose(now["coupling_force"], K @ (x_m - x_s), rtol=1e-12)
     AssertFeedthroughIsReal(block)
     assert Feedthrough(block) == {
         "felt_position": {"return_packet"},
         "coupling_force": {"return_packet"},
     }
     start = Block(block, RandomInputs(block, 0))
-    np.testing.assert_array_equal(start["forward_packet"], START)
-    np.testing.assert_array_equal(start["felt_velocity"], [0.0, 0.0])
+    assert_array_equal(start["forward_packet"], START)
+    assert_array_equal(start["felt_velocity"], [0.0, 0.0])
 
 
 def test_the_slave_by_its_equation():
@@ -59,8 +60,8 @@ def test_the_slave_by_its_equation():
     p = inputs["tool_position"]
     now = Block(block, inputs)
     expected = K @ (inputs["forward_packet"] - p) - 2 * B @ inputs["tool_velocity"]
-    np.testing.assert_allclose(now["control_force"], expected, rtol=1e-12)
-    np.testing.assert_array_equal(now["return_packet"], p)
+    assert_allclose(now["control_force"], expected, rtol=1e-12)
+    assert_array_equal(now["return_packet"], p)
     AssertFeedthroughIsReal(block)
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_checks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
+from numpy.testing import assert_allclose, assert_array_equal
 from phasors import FeltImpedance, Response
 from pydrake.systems.analysis import Simulator
 from runs import Run
@@ -37,14 +38,14 @@ def test_the_master_by_its_equation():
     now = Block(block, inputs, np.concatenate([y, v]))
     force = inputs["haptic_force"] - B @ v - K @ y
     expected = np.concatenate([v, np.linalg.solve(M, force)])
-    np.testing.assert_allclose(now.Rate(), expected, rtol=1e-12)
+    assert_allclose(now.Rate(), expected, rtol=1e-12)
     p, v_ret = inputs["return_packet"].reshape(2, 2)
-    np.testing.assert_array_equal(now["model_velocity"], v)
-    np.testing.assert_array_equal(now["felt_position"], p)
+    assert_array_equal(now["model_velocity"], v)
+    assert_array_equal(now["felt_position"], p)
     # The model has been at rest until now.
-    np.testing.assert_allclose(now["felt_velocity"], v_ret + v, rtol=1e-12)
+    assert_allclose(now["felt_velocity"], v_ret + v, rtol=1e-12)
     sent = [*inputs["haptic_force"], *inputs["velocity_command"]]
-    np.testing.assert_array_equal(now["forward_packet"], sent)
+    assert_array_equal(now["forward_packet"], sent)
     for predictor in (block, Make(delay=0.0)):
         AssertFeedthroughIsReal(predictor)
         assert Feedthrough(predictor) == {
@@ -68,7 +69,7 @@ def test_the_model_is_taken_away_again_one_delay_later():
         velocities.append(now["model_velocity"].copy())
         delayed = velocities[0] if time == 0.9 else np.zeros(2)
         difference = now["model_velocity"] - delayed
-        np.testing.assert_allclose(now["felt_velocity"], difference, atol=1e-6)
+        assert_allclose(now["felt_velocity"], difference, atol=1e-6)
     assert np.abs(velocities[0]).max() > 0.05
 
 
@@ -103,7 +104,7 @@ def test_an_exact_model_gives_the_response_without_delay_only_later(
         ("force_command", "forward_packet_sent", 0.0),
     ):
         expected = free.Interpolate(theirs, times)[:, 0]
-        np.testing.assert_allclose(
+        assert_allclose(
             late.Interpolate(ours, times + shift)[:, 0],
             expected,
             atol=1e-4 * np.ptp(expected),

@@ -7,6 +7,7 @@ import pytest
 from block_checks import Block, Feedthrough
 from energies import ChannelEnergy
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 from runs import Run
 
 from teleop_drake.model.blocks.architectures.time_domain_passivity import (
@@ -53,39 +54,39 @@ def Slave(F_hd, v, E_received, energies, local_damping=0.0):
 
 def test_what_can_be_paid_for_passes():
     now = Master([1.0, -2.0], [0.1, 0.2], [0.5, 0.5], [0.1, 0.2, 0.3, 0.4])
-    np.testing.assert_allclose(now["master_budget"], [0.2, 0.1])
-    np.testing.assert_array_equal(now["injected_mobility"], [0.0, 0.0])
-    np.testing.assert_array_equal(now["felt_velocity"], [0.1, 0.2])
-    np.testing.assert_array_equal(now["felt_position"], [0.7, 0.8])
-    np.testing.assert_allclose(now["forward_packet"], [1.0, -2.0, 0.1, 0.2])
-    np.testing.assert_allclose(now["master_power"], [0.1, -0.4])
-    np.testing.assert_allclose(now.Rate() * E_0, [0.1, 0.0, 0.0, 0.4])
+    assert_allclose(now["master_budget"], [0.2, 0.1])
+    assert_array_equal(now["injected_mobility"], [0.0, 0.0])
+    assert_array_equal(now["felt_velocity"], [0.1, 0.2])
+    assert_array_equal(now["felt_position"], [0.7, 0.8])
+    assert_allclose(now["forward_packet"], [1.0, -2.0, 0.1, 0.2])
+    assert_allclose(now["master_power"], [0.1, -0.4])
+    assert_allclose(now.Rate() * E_0, [0.1, 0.0, 0.0, 0.4])
     now = Slave([1.0, -2.0], [0.1, 0.2], [0.5, 0.5], [0.1, 0.2, 0.3, 0.4])
-    np.testing.assert_allclose(now["slave_budget"], [0.22, 0.12])
-    np.testing.assert_array_equal(now["injected_damping"], [0.0, 0.0])
-    np.testing.assert_array_equal(now["control_force"], [1.0, -2.0])
-    np.testing.assert_allclose(now["return_packet"], [0.7, 0.8, 0.1, 0.2, 0.1, 0.2])
-    np.testing.assert_allclose(now["slave_power"], [0.1, -0.4])
-    np.testing.assert_allclose(now.Rate() * E_0, [0.0, 0.4, 0.1, 0.0])
+    assert_allclose(now["slave_budget"], [0.22, 0.12])
+    assert_array_equal(now["injected_damping"], [0.0, 0.0])
+    assert_array_equal(now["control_force"], [1.0, -2.0])
+    assert_allclose(now["return_packet"], [0.7, 0.8, 0.1, 0.2, 0.1, 0.2])
+    assert_allclose(now["slave_power"], [0.1, -0.4])
+    assert_allclose(now.Rate() * E_0, [0.0, 0.4, 0.1, 0.0])
 
 
 def test_what_cannot_is_brought_down_to_the_budget():
     now = Master([1.0, -2.0], [-1.0, 1.0], [0.01, 0.0], [0.0, 0.0, 0.0, 0.0])
     # 1 W would leave where 0.01 J / 0.05 s may; nothing may on the other axis.
-    np.testing.assert_allclose(now["master_power"], [-0.01 / HORIZON, 0.0], atol=1e-15)
-    np.testing.assert_allclose(now["injected_mobility"], [0.8, 0.5])
-    np.testing.assert_allclose(now["felt_velocity"], [-0.2, 0.0], atol=1e-15)
+    assert_allclose(now["master_power"], [-0.01 / HORIZON, 0.0], atol=1e-15)
+    assert_allclose(now["injected_mobility"], [0.8, 0.5])
+    assert_allclose(now["felt_velocity"], [-0.2, 0.0], atol=1e-15)
     now = Slave([2.0, 2.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0, 0.0, E_0])
-    np.testing.assert_allclose(now["slave_power"], [E_0 / HORIZON, 0.0], atol=1e-15)
-    np.testing.assert_allclose(now["injected_damping"], [1.6, 2.0])
-    np.testing.assert_allclose(now["control_force"], [0.4, 0.0], atol=1e-15)
+    assert_allclose(now["slave_power"], [E_0 / HORIZON, 0.0], atol=1e-15)
+    assert_allclose(now["injected_damping"], [1.6, 2.0])
+    assert_allclose(now["control_force"], [0.4, 0.0], atol=1e-15)
 
 
 def test_mobility_and_damping_have_a_maximum():
     now = Master([0.01, 0.01], [-1.0, -1.0], [0.0, 0.0], [0.0] * 4)
-    np.testing.assert_array_equal(now["injected_mobility"], [4.0, 4.0])
+    assert_array_equal(now["injected_mobility"], [4.0, 4.0])
     now = Slave([1.0, 1.0], [0.01, 0.01], [0.0, 0.0], [0.0, 0.0, E_0, E_0])
-    np.testing.assert_array_equal(now["injected_damping"], [4.0, 4.0])
+    assert_array_equal(now["injected_damping"], [4.0, 4.0])
 
 
 def test_a_local_damper_is_behind_the_port():
@@ -95,9 +96,9 @@ def test_a_local_damper_is_behind_the_port():
     bare = Slave(*at)
     damped = Slave(*at, local_damping=damper)
     expected = bare["control_force"] - damper @ v
-    np.testing.assert_allclose(damped["control_force"], expected)
-    np.testing.assert_array_equal(damped["slave_power"], bare["slave_power"])
-    np.testing.assert_array_equal(damped.Rate(), bare.Rate())
+    assert_allclose(damped["control_force"], expected)
+    assert_array_equal(damped["slave_power"], bare["slave_power"])
+    assert_array_equal(damped.Rate(), bare.Rate())
 
 
 def test_feedthrough_and_start():
@@ -119,7 +120,7 @@ def test_feedthrough_and_start():
         "injected_damping": both,
     }
     now = Slave([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0] * 4)
-    np.testing.assert_allclose(now["slave_budget"], [E_0, E_0])
+    assert_allclose(now["slave_budget"], [E_0, E_0])
 
 
 def Passivity(name, *overrides):

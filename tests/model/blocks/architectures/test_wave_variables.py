@@ -8,6 +8,7 @@ import pytest
 from block_checks import AssertFeedthroughIsReal, Block, Feedthrough, RandomInputs
 from energies import ChannelEnergy
 from grids import Slow
+from numpy.testing import assert_allclose, assert_array_equal
 from runs import TASKS
 from scipy.linalg import sqrtm
 
@@ -39,15 +40,15 @@ def test_the_master_by_its_equation():
     now = Block(block, inputs, x_m)
     root = sqrtm(2 * b)
     v = np.linalg.solve(b + D, F_h + root @ w)
-    np.testing.assert_allclose(now["felt_velocity"], v, rtol=1e-12)
+    assert_allclose(now["felt_velocity"], v, rtol=1e-12)
     sent = np.concatenate([root @ v - w, x_m])
-    np.testing.assert_allclose(now["forward_packet"], sent, rtol=1e-12)
-    np.testing.assert_allclose(now["master_power"], (F_h - D @ v) * v, rtol=1e-12)
-    np.testing.assert_array_equal(now["felt_position"], p)
-    np.testing.assert_array_equal(now["master_position"], x_m)
-    np.testing.assert_allclose(now.Rate(), v, rtol=1e-12)
+    assert_allclose(now["forward_packet"], sent, rtol=1e-12)
+    assert_allclose(now["master_power"], (F_h - D @ v) * v, rtol=1e-12)
+    assert_array_equal(now["felt_position"], p)
+    assert_array_equal(now["master_position"], x_m)
+    assert_allclose(now.Rate(), v, rtol=1e-12)
     start = Block(block, RandomInputs(block, 0))
-    np.testing.assert_array_equal(start["master_position"], START)
+    assert_array_equal(start["master_position"], START)
     # Matched to the line, it sends nothing of what arrives on.
     for damping in (D, b):
         block = WaveMaster(replace(CONFIG, master_damping=damping), start=START)
@@ -66,10 +67,10 @@ def test_the_slave_by_its_equation():
     now = Block(block, inputs)
     root = sqrtm(2 * b)
     force = root @ u - b @ v
-    np.testing.assert_allclose(now["control_force"], force, rtol=1e-12)
+    assert_allclose(now["control_force"], force, rtol=1e-12)
     sent = np.concatenate([root @ v - u, p])
-    np.testing.assert_allclose(now["return_packet"], sent, rtol=1e-12)
-    np.testing.assert_allclose(now["slave_power"], force * v, rtol=1e-12)
+    assert_allclose(now["return_packet"], sent, rtol=1e-12)
+    assert_allclose(now["slave_power"], force * v, rtol=1e-12)
     AssertFeedthroughIsReal(block)
     expected = {"forward_packet", "tool_velocity"}
     assert Feedthrough(block)["control_force"] == expected

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from block_checks import Feedthrough
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
     SimulatorConfig,
 )
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     Gain,
     Integrator,
 )
 from sources import Step
+from wired import Wired
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.environments.layered_force_field import (
@@ -89,9 +90,9 @@ def test_oblique_layers_are_turned_ones():
         across = offset - (normal @ offset) * normal
         force, layer = Force(x, v)
         expected = force * normal + (layer == 0) * 40.0 * across
-        np.testing.assert_allclose(F_e, expected, rtol=1e-12, atol=1e-14)
+        assert_allclose(F_e, expected, rtol=1e-12, atol=1e-14)
     for surface, start in zip(oblique.Surfaces()[1:], (0.0075, 0.015), strict=True):
-        np.testing.assert_allclose(surface.normal_W, normal, rtol=1e-15)
+        assert_allclose(surface.normal_W, normal, rtol=1e-15)
         assert surface.Depth(start * normal + turn @ [0, 3, 4]) == pytest.approx(0)
     # The first has no beginning, and is more than a spring and a damper.
     tissue, _, bone = oblique.Surfaces()
@@ -107,17 +108,24 @@ def test_nothing_before_the_first_layer():
 
 def MakeMass(field, *, speed):
     """A unit mass thrown against the field: x'' = -F_e."""
-    builder = DiagramBuilder()
-    dut = builder.AddNamedSystem("dut", field)
-    velocity = builder.AddNamedSystem("velocity", Integrator(np.array([speed])))
-    position = builder.AddNamedSystem("position", Integrator(1))
-    negative = builder.AddNamedSystem("negative", Gain(-1.0, 1))
-    builder.Connect(velocity.get_output_port(), position.get_input_port())
-    builder.Connect(position.get_output_port(), dut.GetInputPort("tool_position"))
-    builder.Connect(velocity.get_output_port(), dut.GetInputPort("tool_velocity"))
-    builder.Connect(dut.GetOutputPort("environment_force"), negative.get_input_port())
-    builder.Connect(negative.get_output_port(), velocity.get_input_port())
-    return builder.Build(), dut, position, velocity
+    velocity = Integrator(np.array([speed]))
+    position = Integrator(1)
+    diagram = Wired(
+        {
+            "dut": field,
+            "velocity": velocity,
+            "position": position,
+            "negative": Gain(-1.0, 1),
+        },
+        {
+            "position": "velocity",
+            "dut.tool_position": "position",
+            "dut.tool_velocity": "velocity",
+            "negative": "dut.environment_force",
+            "velocity": "negative",
+        },
+    )
+    return diagram, field, position, velocity
 
 
 @pytest.mark.filterwarnings("ignore:.*no event is located")
@@ -182,13 +190,17 @@ def test_tool_may_come_back():
     ] == pytest.approx(-1.0, abs=1e-3)
 
 
+def MovedBy(source, field):
+    """Returns a Diagram of a field whose tool has one number as place and velocity."""
+    return Wired(
+        {"field": field, "source": source},
+        {"field.tool_position": "source", "field.tool_velocity": "source"},
+    )
+
+
 def test_initial_layer_follows_the_initial_position():
-    builder = DiagramBuilder()
-    dut = builder.AddSystem(LayeredForceField(layers=Layers(), num_axes=1))
-    source = builder.AddSystem(ConstantVectorSource([0.01]))
-    for name in ("tool_position", "tool_velocity"):
-        builder.Connect(source.get_output_port(), dut.GetInputPort(name))
-    simulator = Simulator(builder.Build())
+    dut = LayeredForceField(layers=Layers(), num_axes=1)
+    simulator = Simulator(MovedBy(ConstantVectorSource([0.01]), dut))
     simulator.get_mutable_context().SetAccuracy(1e-6)
     simulator.Initialize()
     context = dut.GetMyContextFromRoot(simulator.get_context())
@@ -207,12 +219,9 @@ def test_a_position_that_jumps(before, after, layer):
         LayerConfig(name="gel", start=1.0, stiffness=1.0, reference=0.0),
         LayerConfig(name="bone", start=2.0, stiffness=9.0, reference=0.0),
     ]
-    builder = DiagramBuilder()
-    dut = builder.AddSystem(LayeredForceField(layers=layers, num_axes=1))
-    step = builder.AddSystem(Step(time=0.1, before=[before], after=[after]))
-    for name in ("tool_position", "tool_velocity"):
-        builder.Connect(step.get_output_port(), dut.GetInputPort(name))
-    simulator = Simulator(builder.Build())
+    dut = LayeredForceField(layers=layers, num_axes=1)
+    step = Step(time=0.1, before=[before], after=[after])
+    simulator = Simulator(MovedBy(step, dut))
     simulator.get_mutable_context().SetAccuracy(1e-6)
     simulator.AdvanceTo(0.2)
     context = dut.GetMyContextFromRoot(simulator.get_context())

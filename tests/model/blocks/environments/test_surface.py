@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.systems.framework import LeafSystem
+from wired import Wired
 
 from teleop_drake.loops.framework.surface import (
     FindSurface,
@@ -41,9 +43,7 @@ def test_depth_is_the_way_along_the_normal(n, data):
     depth = surface.Depth(p)
     # What is left after going back by the depth lies in the plane.
     assert normal @ (p - depth * normal - point) == pytest.approx(0, abs=1e-9)
-    np.testing.assert_allclose(
-        surface.Depth(np.array([p, point])), [depth, 0], atol=1e-9
-    )
+    assert_allclose(surface.Depth(np.array([p, point])), [depth, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_what_lies_behind():
     assert FindSurface(surfaces, "floor") is None
     assert BONE.material.Force(2.5, 1.0) == 4.5
     assert SKIN.material.Force(1.5, 4.0) == 3.0
-    np.testing.assert_array_equal(StackNormal(surfaces), [1.0, 0.0])
+    assert_array_equal(StackNormal(surfaces), [1.0, 0.0])
     floor = Surface("floor", [0.0, 0.0], [0.0, -1.0], Matter("floor", 1.0, 0.0, 0.0))
     assert StackNormal((SKIN, floor)) is None
     assert StackNormal((SKIN, Surface("x", [3.0, 0.0], [1.0, 0.0]))) is None
@@ -83,10 +83,8 @@ def test_a_diagram_tells_what_its_systems_tell():
         def Surfaces(self):
             return [SKIN]
 
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("teller", Teller())
-    builder.AddNamedSystem("other", LeafSystem())
-    assert SurfacesOf(builder.Build()) == (SKIN,)
+    diagram = Wired({"teller": Teller(), "other": LeafSystem()}, {})
+    assert SurfacesOf(diagram) == (SKIN,)
     assert SurfacesOf(LeafSystem()) is None
 
 
@@ -117,16 +115,16 @@ class Cubic(LeafSystem):
 
 def test_a_stack_tells_them_exactly():
     K, D = StackSlopes((OBLIQUE,), 2.0 * NORMAL)
-    np.testing.assert_allclose(K, 150 * np.outer(NORMAL, NORMAL), rtol=1e-15)
-    np.testing.assert_allclose(D, 3 * np.outer(NORMAL, NORMAL), rtol=1e-15)
+    assert_allclose(K, 150 * np.outer(NORMAL, NORMAL), rtol=1e-15)
+    assert_allclose(D, 3 * np.outer(NORMAL, NORMAL), rtol=1e-15)
     for zero in StackSlopes((OBLIQUE,), [0.0, 0.0]):
         assert not zero.any()
 
 
 def test_others_are_differenced():
     K, D = StiffnessAndDamping(Cubic(), [2.0, 0.5])
-    np.testing.assert_allclose(K, [[12.0, 0.0], [0.0, 0.0]], rtol=1e-7, atol=1e-7)
-    np.testing.assert_allclose(D, [[0.0, 2.0], [1.5, 0.0]], rtol=1e-7, atol=1e-7)
+    assert_allclose(K, [[12.0, 0.0], [0.0, 0.0]], rtol=1e-7, atol=1e-7)
+    assert_allclose(D, [[0.0, 2.0], [1.5, 0.0]], rtol=1e-7, atol=1e-7)
 
 
 def test_no_surfaces_are_no_stack():

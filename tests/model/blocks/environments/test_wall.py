@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from block_checks import Block
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 
 from teleop_drake.model.blocks.environments.wall import (
     FrictionWallConfig,
@@ -76,7 +77,7 @@ def test_kernel_and_surface_in_any_direction(config, n):
         block.GetInputPort("tool_position").FixValue(context, p_WT)
         block.GetInputPort("tool_velocity").FixValue(context, 0 * p_WT)
         F_e = block.GetOutputPort("environment_force").Eval(context)
-        np.testing.assert_allclose(F_e, surface.Along(F_e) * surface.normal_W)
+        assert_allclose(F_e, surface.Along(F_e) * surface.normal_W)
         assert (surface.Along(F_e) > 0) == (depth > 0)
 
 
@@ -120,8 +121,8 @@ def test_slopes(config, stiffness, damping):
     """Of the force at rest: what it is to analyze and to the architectures."""
     config.direction = NORMAL
     K, D = config.StiffnessAndDamping(0.02 * NORMAL)
-    np.testing.assert_allclose(K, stiffness, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(D, damping, rtol=1e-6, atol=1e-6)
+    assert_allclose(K, stiffness, rtol=1e-6, atol=1e-6)
+    assert_allclose(D, damping, rtol=1e-6, atol=1e-6)
 
 
 def test_equation_of_the_solid():
@@ -132,8 +133,8 @@ def test_equation_of_the_solid():
     motion = {"tool_position": 0.03 * NORMAL, "tool_velocity": [9.0, 9.0]}
     now = Block(config.MakeEnvironment([0, 0]), motion, [0.01])
     expected = (5 * 0.03 + 20 * (0.03 - 0.01)) * NORMAL
-    np.testing.assert_allclose(now["environment_force"], expected, rtol=1e-12)
-    np.testing.assert_allclose(now.Rate(), [(0.03 - 0.01) / 2.0], rtol=1e-12)
+    assert_allclose(now["environment_force"], expected, rtol=1e-12)
+    assert_allclose(now.Rate(), [(0.03 - 0.01) / 2.0], rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -156,7 +157,7 @@ def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
     damping = 0.4 * F_n / 0.001 * np.diag([0.0, 1.0])
     expected = -np.linalg.solve(FactsOfRobot(robot).inertia, damping)
     scale = np.abs(expected).max()
-    np.testing.assert_allclose(models[1] - models[0], expected, atol=1e-4 * scale)
+    assert_allclose(models[1] - models[0], expected, atol=1e-4 * scale)
 
 
 @pytest.mark.parametrize(

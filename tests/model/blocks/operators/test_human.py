@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from teleop_drake.loops.delays.transport import TransportDelay
 from teleop_drake.model.run.simulate import simulate
@@ -60,7 +61,7 @@ def test_linear_model_of_the_master(goal):
             [by_p - yielding * F_p, by_v - yielding * F_v],
         ]
         G = model.C @ np.linalg.solve(s * np.eye(len(model.A)) - model.A, model.B)
-        np.testing.assert_allclose(G + model.D, expected, rtol=2e-4, atol=1e-7)
+        assert_allclose(G + model.D, expected, rtol=2e-4, atol=1e-7)
 
 
 def test_the_two_port_does_not_know_who_holds_it():
@@ -70,7 +71,7 @@ def test_the_two_port_does_not_know_who_holds_it():
     mine, theirs = (
         Linearizer(x, at_ports=True).TwoPort(point) for x in (scenario, thesis)
     )
-    np.testing.assert_array_equal(mine.system.A, theirs.system.A)
+    assert_array_equal(mine.system.A, theirs.system.A)
 
 
 @pytest.mark.slow

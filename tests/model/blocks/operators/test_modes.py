@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.framework import DiagramBuilder
 
 from teleop_drake.model.blocks.environments import CONTACT, Surface
@@ -86,7 +87,7 @@ def test_both_engines_run_it_alike(kind, tmp_path):
     times = np.linspace(0.0, 3.0, 61)
     ours, theirs = (x.Interpolate("tool_velocity", times) for x in (compiled, drake))
     # Where a bend of the command arrives Drake's steps do not end.
-    np.testing.assert_allclose(ours, theirs, atol=3e-4 * np.abs(theirs).max())
+    assert_allclose(ours, theirs, atol=3e-4 * np.abs(theirs).max())
 
 
 def test_the_thesis_operator_needs_no_kind():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from grids import Slow
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
@@ -107,12 +108,12 @@ def test_moves_as_on_paper(engine, forward, back):
         tau = np.clip((times - begin) / duration, 0, 1)
         speed = SHARE * remaining / duration * 30 * tau**2 * (1 - tau) ** 2
         found = recording.Interpolate("velocity_command", times)
-        np.testing.assert_allclose(found, np.outer(speed, direction), atol=1e-4)
+        assert_allclose(found, np.outer(speed, direction), atol=1e-4)
         middle = recording.Interpolate("velocity_command", [begin + duration / 2])
         largest = min(SPEED, 1.875 * SHARE * remaining / SHORTEST)
         assert np.linalg.norm(middle) == pytest.approx(largest, rel=1e-3)
     end = START + WAY * (1 - 0.3**3)
-    np.testing.assert_allclose(recording["tool_position"][-1], end, atol=1e-4)
+    assert_allclose(recording["tool_position"][-1], end, atol=1e-4)
 
 
 def test_each_move_waits_for_a_round_trip():
@@ -131,7 +132,7 @@ def test_contact_and_stop_end_the_moves():
     config = Config(contact_force=np.array([0.2, 0.0]), stop_time=4.0)
     recording = simulate(MakeLoop(config, 0.1, 0.1, surface), duration=6.0)
     modes = recording.Interpolate("mode", [0.5, 3.0, 5.0])[:, 0]
-    np.testing.assert_allclose(modes, [0, 1, 2], rtol=1e-12)
+    assert_allclose(modes, [0, 1, 2], rtol=1e-12)
     after = recording.time > 3.0
     assert np.all(recording["velocity_command"][after] == 0)
 
@@ -149,7 +150,7 @@ def test_it_is_a_kind_of_scenarios():
     CheckKernel(scenario.surgeon.MakeOperator(start=[0.85, 0.0]))
     # Where the commanded velocity comes in 1 s.
     habits = scenario.surgeon.MakeHabits(np.array([0.85, 0.0]))
-    np.testing.assert_allclose(habits.goal, [0.95, 0.0])
+    assert_allclose(habits.goal, [0.95, 0.0])
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -205,7 +206,7 @@ def test_the_trapezoid_rises_stays_and_falls(cruise_time):
     v_d = np.array([0.2, -0.1])
     config = TrapezoidConfig(velocity=v_d, rise_time=0.5, cruise_time=cruise_time)
     dut = config.MakeOperator(start=[0.0, 0.0])
-    np.testing.assert_allclose(Commands(dut, times), np.outer(share, v_d), atol=1e-12)
+    assert_allclose(Commands(dut, times), np.outer(share, v_d), atol=1e-12)
     assert len(dut.jump_times) == {0.0: 2, 0.3: 3, None: 1}[cruise_time]
     ends = [transition.offset for transition in dut.Kernel().transitions.values()]
     assert ends == dut.jump_times
@@ -217,7 +218,7 @@ def test_least_jerk_reaches_the_waypoints_with_the_speed_asked_for():
     breaks, path = config.Path()
     assert np.isclose(largest_norm(breaks, differentiate_pieces(path)), 0.1)
     ends = [evaluate_pieces(np.nextafter(x, 0), breaks, path) for x in breaks[1:]]
-    np.testing.assert_allclose(ends, points, atol=1e-12)
+    assert_allclose(ends, points, atol=1e-12)
     dut = config.MakeOperator(start=[0.0, 0.0])
     on_the_way, at_the_end = Commands(dut, [breaks[1], breaks[-1]])
     assert np.linalg.norm(on_the_way) > 0.05  # It does not stop there.
@@ -262,7 +263,7 @@ def test_a_mass_swings_as_its_transfer_function_says():
     late = recording.time > 9.0
     expected = (0.001 * gain * np.exp(s * recording.time[late])).imag
     v = recording["tool_velocity"][late, 0]
-    np.testing.assert_allclose(v, expected, atol=2e-3 * 0.001 * abs(gain))
+    assert_allclose(v, expected, atol=2e-3 * 0.001 * abs(gain))
     # The excess over the momentary command, not over its amplitude.
     metrics = TaskOf(scenario).Metrics(recording)
     peak = 0.001 * abs(gain - 1)

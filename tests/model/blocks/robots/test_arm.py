@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.geometry import Mesh, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
@@ -47,7 +48,7 @@ def test_it_starts_where_it_should(start):
     """Also with fewer axes than joints."""
     config = arm(start=start)
     config.Check("robot")
-    np.testing.assert_allclose(tool_position(config), start, rtol=0, atol=1e-12)
+    assert_allclose(tool_position(config), start, rtol=0, atol=1e-12)
     assert FactsOfRobot(config.MakeRobot()).inertia.shape == (len(start),) * 2
 
 
@@ -58,10 +59,10 @@ def test_it_is_the_two_link_arm_from_its_file(elbow, posture):
     expected = TwoLinkArmConfig(start=start, elbow=elbow)
     config = arm(file=str(PLANAR), start=start, posture=posture)
     q = config.JointPositions(start)
-    np.testing.assert_allclose(q, expected.JointPositions(start), atol=1e-9)
+    assert_allclose(q, expected.JointPositions(start), atol=1e-9)
     told = FactsOfRobot(config.MakeRobot())
     robot = FactsOfRobot(expected.MakeRobot())
-    np.testing.assert_allclose(told.inertia, robot.inertia, rtol=1e-8)
+    assert_allclose(told.inertia, robot.inertia, rtol=1e-8)
 
 
 def test_free_joints_stay_near_the_posture():
@@ -75,7 +76,7 @@ def test_free_joints_stay_near_the_posture():
     J = ToolJacobian(plant, context, 1)
     # The step from the posture is along the gradient of the tool's position.
     step = q - posture
-    np.testing.assert_allclose(np.cross(step, J[0]), 0, atol=1e-5)
+    assert_allclose(np.cross(step, J[0]), 0, atol=1e-5)
 
 
 @pytest.mark.parametrize("gravity, weight", [(None, 0.0), ([0.0, 0.0, -9.81], 1.0)])
@@ -104,7 +105,7 @@ def changed(tmp_path, *changes, source=URDF, name="changed.urdf"):
 def test_another_link_may_be_the_tool(tmp_path):
     file = changed(tmp_path, ('"tool"', '"flange"'))
     config = arm(file=file, tool_frame="flange")
-    np.testing.assert_allclose(tool_position(config), START, atol=1e-12)
+    assert_allclose(tool_position(config), START, atol=1e-12)
 
 
 def test_a_frame_may_be_the_tool(tmp_path):
@@ -119,7 +120,7 @@ def test_a_frame_may_be_the_tool(tmp_path):
     path = tmp_path / "frame.sdf"
     path.write_text(text)
     config = arm(file=str(path), start=[0.85, 0.0], posture=[-0.5, 1.0])
-    np.testing.assert_allclose(tool_position(config), [0.85, 0.0], atol=1e-12)
+    assert_allclose(tool_position(config), [0.85, 0.0], atol=1e-12)
     assert FactsOfRobot(config.MakeRobot()).inertia is not None
 
 
@@ -132,7 +133,7 @@ def test_a_file_may_name_a_file_beside_it(tmp_path):
     path = tmp_path / "arm.sdf"
     path.write_text(text)
     config = arm(file=str(path), start=[0.85, 0.0], posture=[-0.5, 1.0])
-    np.testing.assert_allclose(tool_position(config), [0.85, 0.0], atol=1e-12)
+    assert_allclose(tool_position(config), [0.85, 0.0], atol=1e-12)
     scene_graph = SceneGraph()
     with TellingShapes(scene_graph):
         config.LoadPlant()
@@ -149,7 +150,7 @@ def test_an_arm_may_stand_elsewhere(tmp_path):
     )
     file = changed(tmp_path, ('<link name="column">', weld))
     moved = arm(file=file, start=[0.45, 1.0, 0.2])
-    np.testing.assert_allclose(
+    assert_allclose(
         moved.JointPositions(moved.start), arm().JointPositions(START), atol=1e-9
     )
 
@@ -239,7 +240,7 @@ def test_a_joint_without_a_motor(tmp_path):
     with pytest.raises(ScenarioError, match=message):
         arm(file=file).Check("robot")
     plant = arm(file=file, add_motors=True).LoadPlant()
-    np.testing.assert_array_equal(plant.MakeActuationMatrix(), np.eye(3))
+    assert_array_equal(plant.MakeActuationMatrix(), np.eye(3))
 
 
 def test_two_motors_at_a_joint(tmp_path):
@@ -261,7 +262,7 @@ def test_motors_may_have_any_order(tmp_path):
         robot.GetInputPort("environment_force").FixValue(context, np.zeros(3))
         rates.append(robot.EvalTimeDerivatives(context).CopyToVector())
         CheckKernel(robot, num_states=2)
-    np.testing.assert_allclose(rates[1:], [rates[0]] * 2, atol=1e-12)
+    assert_allclose(rates[1:], [rates[0]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize(

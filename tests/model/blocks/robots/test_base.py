@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.primitives import PassThrough
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -66,7 +67,7 @@ def test_a_plant_is_posed_and_wired():
     robot = config.MakeRobot()
     context = robot.CreateDefaultContext()
     position = robot.GetOutputPort("tool_position").Eval(context)
-    np.testing.assert_allclose(position, [0.85, 0.1], atol=1e-12)
+    assert_allclose(position, [0.85, 0.1], atol=1e-12)
     with pytest.raises(ScenarioError, match=r"robot.start = .*no nearer than"):
         Plant(start=np.array([3.0, 0.0])).Check("robot")
 
@@ -134,7 +135,7 @@ def test_models_of_the_package(name, num_joints):
 def test_gravity_is_along_the_first_axes(gravity):
     plant = LoadModel(ReadModel("slider"), gravity)
     vector = plant.gravity_field().gravity_vector()
-    np.testing.assert_array_equal(vector, np.pad(gravity, (0, 3 - len(gravity))))
+    assert_array_equal(vector, np.pad(gravity, (0, 3 - len(gravity))))
 
 
 def test_a_plant_is_finalized_at_the_end():
@@ -165,7 +166,7 @@ def test_any_arm_can_be_held_and_carried():
     for name in ("control_force", "environment_force"):
         robot.GetInputPort(name).FixValue(context, [0.0])
     rates = robot.EvalTimeDerivatives(context).CopyToVector()
-    np.testing.assert_allclose(rates, 0, atol=1e-10)
+    assert_allclose(rates, 0, atol=1e-10)
     x = context.get_continuous_state_vector().CopyToVector()
     x[:3] += 0.01
     context.SetContinuousState(x)

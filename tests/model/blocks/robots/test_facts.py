@@ -3,6 +3,7 @@
 import appendix_a
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -11,8 +12,8 @@ from pydrake.multibody.tree import (
     RevoluteJoint,
     SpatialInertia,
 )
-from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
+from wired import Wired
 
 from teleop_drake.model.blocks.robots import (
     FactsOfConfig,
@@ -38,8 +39,8 @@ def test_two_link_arm():
     J = appendix_a.J(q)
     M = appendix_a.M(q)
     inverse = np.linalg.inv(facts.inertia)
-    np.testing.assert_allclose(inverse, J @ np.linalg.inv(M) @ J.T, atol=1e-10)
-    np.testing.assert_array_equal(facts.damping, np.zeros((2, 2)))
+    assert_allclose(inverse, J @ np.linalg.inv(M) @ J.T, atol=1e-10)
+    assert_array_equal(facts.damping, np.zeros((2, 2)))
 
 
 def test_own_robot_of_five_kilograms():
@@ -52,9 +53,7 @@ def test_own_robot_of_five_kilograms():
     plant.Finalize()
     robot = MakeRobotDiagram(plant=plant, num_axes=1, joint_positions=[0.4])
     # Also where it stands in a larger diagram.
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("robot", robot)
-    loop = builder.Build()
+    loop = Wired({"robot": robot}, {})
     for _ in range(2):
         facts = FactsOfRobot(robot)
         assert facts.inertia == pytest.approx(np.array([[5.0]]))
@@ -94,7 +93,7 @@ def test_more_joints_than_axes():
     robot.GetInputPort("control_force").FixValue(context, force)
     robot.GetInputPort("environment_force").FixValue(context, [0.0, 0.0])
     acceleration = robot.GetOutputPort("tool_acceleration").Eval(context)
-    np.testing.assert_allclose(facts.inertia @ acceleration, force, atol=1e-12)
+    assert_allclose(facts.inertia @ acceleration, force, atol=1e-12)
     # From rest, the impulse of the force moves all joints; they brake it.
     qdot = robot.EvalTimeDerivatives(context).CopyToVector()[3:]
     assert acceleration @ facts.damping @ acceleration == pytest.approx(
@@ -103,12 +102,12 @@ def test_more_joints_than_axes():
 
 
 def test_a_robot_without_a_plant_cannot_tell():
-    builder = DiagramBuilder()
-    mass = builder.AddNamedSystem(
-        "mass", LinearSystem(np.diag([1.0], 1), [[0], [1]], [[1, 0]], [[0]])
+    diagram = Wired(
+        {"mass": LinearSystem(np.diag([1.0], 1), [[0], [1]], [[1, 0]], [[0]])},
+        {},
+        {"tool_position": "mass"},
     )
-    builder.ExportOutput(mass.get_output_port(), "tool_position")
-    facts = FactsOfRobot(builder.Build())
+    facts = FactsOfRobot(diagram)
     assert (len(facts.start), facts.inertia, facts.damping) == (1, None, None)
 
 
@@ -124,7 +123,7 @@ def test_facts_are_those_of_the_robot_whatever_was_asked_before():
         facts = FactsOfConfig(robot)
         expected = FactsOfRobot(robot.MakeRobot())
         for name in ("start", "inertia", "damping"):
-            np.testing.assert_array_equal(getattr(facts, name), getattr(expected, name))
+            assert_array_equal(getattr(facts, name), getattr(expected, name))
         assert facts.inertia is FactsOfConfig(robot).inertia
     arm = LoadScenario("two_dof_combined").robot
     assert FactsOfConfig(arm).inertia.shape == (2, 2)

@@ -3,6 +3,7 @@
 import appendix_a
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.robots.base import LoadModel, ReadModel
@@ -21,16 +22,16 @@ def plant():
 def test_it_finds_the_joints_of_a_point(plant, q):
     point = appendix_a.p_WT(q)
     found = SolveInverseKinematics(plant, point, np.add(q, 0.2))
-    np.testing.assert_allclose(found, q, atol=1e-9)
+    assert_allclose(found, q, atol=1e-9)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, found)
     jacobian = ToolJacobian(plant, context, 2)
-    np.testing.assert_allclose(jacobian, appendix_a.J(q), atol=1e-8)
+    assert_allclose(jacobian, appendix_a.J(q), atol=1e-8)
 
 
 def test_a_stretched_posture_says_not_which_way_to_bend(plant):
     found = SolveInverseKinematics(plant, [1.0, 0.0], [0.0, 0.0])
-    np.testing.assert_allclose(appendix_a.p_WT(found), [1.0, 0.0], atol=1e-9)
+    assert_allclose(appendix_a.p_WT(found), [1.0, 0.0], atol=1e-9)
 
 
 def test_out_of_reach(plant):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.math import RollPitchYaw
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -49,14 +50,14 @@ def test_an_upright_mjcf_arm_with_locked_fingers_is_the_two_link_arm(tmp_path, p
     expected = TwoLinkArmConfig(start=[0.85, 0.1], elbow="down").MakeRobot()
     facts = FactsOfRobot(robot)
     reference = FactsOfRobot(expected)
-    np.testing.assert_allclose(facts.start, start, atol=1e-12)
-    np.testing.assert_allclose(facts.inertia, reference.inertia, rtol=1e-6)
+    assert_allclose(facts.start, start, atol=1e-12)
+    assert_allclose(facts.inertia, reference.inertia, rtol=1e-6)
 
 
 def test_a_base_turns_the_plane_y_z_into_x_y():
     """It maps y to x and z to y."""
     R = RollPitchYaw(YZ_INTO_XY[3:]).ToRotationMatrix().matrix()
-    np.testing.assert_allclose(R[:, 1:], np.eye(3)[:, :2], atol=1e-15)
+    assert_allclose(R[:, 1:], np.eye(3)[:, :2], atol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import standard_dh
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.multibody.tree import MultibodyForces
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -37,26 +38,26 @@ def test_it_is_the_arm_of_the_papers(plant):
         plant.SetPositionsAndVelocities(context, np.append(q, v))
         R, p = standard_dh.tool_pose(q)
         pose = tool.CalcPoseInWorld(context)
-        np.testing.assert_allclose(pose.rotation().matrix(), R, atol=1e-13)
-        np.testing.assert_allclose(pose.translation(), p, atol=1e-13)
+        assert_allclose(pose.rotation().matrix(), R, atol=1e-13)
+        assert_allclose(pose.translation(), p, atol=1e-13)
         M = plant.CalcMassMatrix(context)
-        np.testing.assert_allclose(M, standard_dh.mass_matrix(q), atol=1e-12)
+        assert_allclose(M, standard_dh.mass_matrix(q), atol=1e-12)
         weight = -plant.CalcGravityGeneralizedForces(context)
         expected = standard_dh.inverse_dynamics(q, rest, rest)
-        np.testing.assert_allclose(weight, expected, atol=1e-12)
+        assert_allclose(weight, expected, atol=1e-12)
         plant.CalcForceElementsContribution(context, forces)
         torque = plant.CalcInverseDynamics(context, v_dot, forces)
         friction = standard_dh.VISCOUS * standard_dh.GEAR**2 * v
         expected = standard_dh.inverse_dynamics(q, v, v_dot) + friction
-        np.testing.assert_allclose(torque, expected, atol=1e-11)
+        assert_allclose(torque, expected, atol=1e-11)
 
 
 def test_its_poses_keep_the_needle_along_x():
     config = puma(start=np.array([0.75, -0.1, 0.7]))
     config.Check("robot")
     R, p = standard_dh.tool_pose(config.JointPositions(config.start))
-    np.testing.assert_allclose(p, config.start, atol=1e-12)
-    np.testing.assert_allclose(R[:, 2], [1, 0, 0], atol=1e-12)
+    assert_allclose(p, config.start, atol=1e-12)
+    assert_allclose(R[:, 2], [1, 0, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -82,12 +83,12 @@ def test_friction_counts_by_its_share():
         context.SetContinuousState(np.append(x[:6], v))
         rates.append(robot.EvalTimeDerivatives(context).CopyToVector()[6:])
         q = x[:6]
-    np.testing.assert_allclose(rates[2] - rates[1], rates[1] - rates[0], atol=1e-9)
+    assert_allclose(rates[2] - rates[1], rates[1] - rates[0], atol=1e-9)
     torque = standard_dh.mass_matrix(q) @ (rates[1] - rates[0])
     viscous = standard_dh.VISCOUS * standard_dh.GEAR**2 * v
     forward, backward = standard_dh.COULOMB
     coulomb = np.where(v > 0, forward, -np.array(backward)) * standard_dh.GEAR
-    np.testing.assert_allclose(torque, -viscous - coulomb, rtol=1e-3)
+    assert_allclose(torque, -viscous - coulomb, rtol=1e-3)
 
 
 def test_its_torque_is_limited():

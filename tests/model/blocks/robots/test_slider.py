@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from forced_robot import context_with_forces
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.robots import SliderConfig
@@ -11,10 +12,10 @@ def test_slider_has_the_dynamics_of_2_12():
     context = context_with_forces(robot, F_c=[0.7], F_e=[0.3])
     context.SetContinuousState([0.25, 2.0])
     acceleration = (0.7 - 0.3 - 0.1 * 2.0) / 0.5
-    np.testing.assert_allclose(
+    assert_allclose(
         robot.EvalTimeDerivatives(context).CopyToVector(), [2.0, acceleration]
     )
-    np.testing.assert_allclose(
+    assert_allclose(
         robot.GetOutputPort("tool_acceleration").Eval(context), [acceleration]
     )
 

@@ -6,6 +6,7 @@ import pytest
 from forced_robot import context_with_forces
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -58,7 +59,7 @@ def test_arm_has_the_dynamics_of_appendix_a(arm):
             # The plane is horizontal.
             (arm.CalcGravityGeneralizedForces(context), np.zeros(2)),
         ):
-            np.testing.assert_allclose(ours, theirs, atol=1e-10)
+            assert_allclose(ours, theirs, atol=1e-10)
         error = bias - appendix_a.C_as_printed(q, qdot) @ qdot
         assert abs(error[0]) < 1e-10
         assert abs(error[1]) > 1e-3
@@ -70,7 +71,7 @@ def test_heavier_links_have_as_much_more_inertia():
     for x in random_states():
         plant.SetPositionsAndVelocities(context, x)
         M = plant.CalcMassMatrix(context)
-        np.testing.assert_allclose(M, 3 * appendix_a.M(x[:2]), atol=1e-10)
+        assert_allclose(M, 3 * appendix_a.M(x[:2]), atol=1e-10)
 
 
 def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a():
@@ -79,7 +80,7 @@ def test_arm_in_a_vertical_plane_has_the_gravity_of_appendix_a():
     for x in random_states():
         plant.SetPositionsAndVelocities(context, x)
         G = -plant.CalcGravityGeneralizedForces(context)
-        np.testing.assert_allclose(G, appendix_a.G(x[:2]), atol=1e-10)
+        assert_allclose(G, appendix_a.G(x[:2]), atol=1e-10)
 
 
 @given(task_vectors, task_vectors, st.integers(0, 19))
@@ -103,11 +104,11 @@ def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
         "tool_velocity": J @ qdot,
         "tool_acceleration": J @ qddot + centripetal,
     }
-    np.testing.assert_allclose(
+    assert_allclose(
         arm_robot.EvalTimeDerivatives(context).CopyToVector()[2:], qddot, atol=1e-9
     )
     for name, value in expected.items():
-        np.testing.assert_allclose(
+        assert_allclose(
             arm_robot.GetOutputPort(name).Eval(context),
             value,
             atol=1e-9,
@@ -119,7 +120,7 @@ def test_arm_moves_as_2_6_says(arm_robot, F_c, F_e, index):
 def test_inverse_kinematics_reaches_the_point(radius, angle, elbow):
     p_WT = polar(radius, angle)
     q = TwoLinkArmConfig(elbow=elbow).JointPositions(p_WT)
-    np.testing.assert_allclose(appendix_a.p_WT(q), p_WT, atol=1e-12)
+    assert_allclose(appendix_a.p_WT(q), p_WT, atol=1e-12)
     assert 0 < (q[1] if elbow == "down" else -q[1]) < np.pi
 
 

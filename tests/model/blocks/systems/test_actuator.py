@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.model.blocks.systems.actuator import (
@@ -28,7 +29,7 @@ def test_step_response(command, end):
     simulator.AdvanceTo(0.07)
     force = drive.get_output_port().Eval(context)
     expected = [end * (1 - np.exp(-1.4)) - 0.1, -0.2]
-    np.testing.assert_allclose(force, expected, atol=1e-7)
+    assert_allclose(force, expected, atol=1e-7)
 
 
 def test_its_kernels_are_the_blocks():
@@ -60,7 +61,7 @@ def test_analyze_knows_the_lag():
     frequencies = np.geomspace(0.05, 100, 20)
     s = 1j * frequencies
     expected = (25 * s + 50) / ((s + 25) * (0.5 * s**2 + 0.6 * s + 0.01))
-    np.testing.assert_allclose(
+    assert_allclose(
         point.loop.frequency_response(frequencies)[:, 0, 0],
         expected * 7 / (s + 7),
         rtol=1e-7,
@@ -79,9 +80,7 @@ def test_analyze_knows_the_slope_of_friction():
     slope = 0.6 + 0.3 + 2.0 / 2**1.5
     s = 1j * np.geomspace(0.05, 100, 20)
     expected = (25 * s + 50) / ((s + 25) * (0.5 * s**2 + slope * s + 0.01))
-    np.testing.assert_allclose(
-        point.loop.frequency_response(s.imag)[:, 0, 0], expected, rtol=1e-5
-    )
+    assert_allclose(point.loop.frequency_response(s.imag)[:, 0, 0], expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 from block_checks import Block
+from numpy.testing import assert_allclose
 from slopes import Slopes
 
 from teleop_drake.model.blocks.robots import Puma560Config
@@ -20,7 +21,7 @@ def test_it_is_the_slope_of_the_potential_energy():
     state = {"plant_state": [*q, *np.ones(6)]}
     torque = Block(GravityCompensation(model=model), state)["gravity_torque"]
     slope = [(Energy(q + dq) - Energy(q - dq)) / 2e-5 for dq in 1e-5 * np.eye(6)]
-    np.testing.assert_allclose(torque, slope, atol=1e-6)
+    assert_allclose(torque, slope, atol=1e-6)
     assert np.abs(torque).max() > 10
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.model.blocks.systems.haptic_device import HapticDevice
@@ -26,7 +27,7 @@ def test_step_response_of_two_axes():
         simulator.AdvanceTo(t)
         force = device.GetOutputPort("haptic_force").Eval(context)
         expected = np.array([0.2, -0.5]) * _step_response(t)
-        np.testing.assert_allclose(force, expected, rtol=1e-7, atol=1e-15)
+        assert_allclose(force, expected, rtol=1e-7, atol=1e-15)
 
 
 @pytest.mark.parametrize(

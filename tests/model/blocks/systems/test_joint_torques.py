@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from block_checks import Block
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose
 
 from teleop_drake.loops.framework.validation import ScenarioError
 from teleop_drake.model.blocks.robots import Puma560Config
@@ -51,4 +52,4 @@ def test_a_wrong_payload_pulls_at_the_tool(payload, error):
     plant_context = plant.GetMyContextFromRoot(context)
     J = ToolJacobian(plant, plant_context, 3)
     torque = plant.CalcMassMatrix(plant_context) @ v_dot
-    np.testing.assert_allclose(torque, J.T @ [0, 0, 9.80665 * error], atol=1e-10)
+    assert_allclose(torque, J.T @ [0, 0, 9.80665 * error], atol=1e-10)

@@ -4,6 +4,7 @@ import appendix_a as arm
 import numpy as np
 import pytest
 from block_checks import Block, Feedthrough, RandomInputs
+from numpy.testing import assert_allclose
 from slopes import Slopes
 
 from teleop_drake.model.blocks.robots import TwoLinkArmConfig
@@ -51,9 +52,9 @@ def test_law_with_the_dynamics_of_appendix_a(block, seed):
         "weights_1": W.ravel(),
         "auxiliary_error": s,
     }.items():
-        np.testing.assert_allclose(now[name], expected, rtol=1e-6, atol=1e-6)
+        assert_allclose(now[name], expected, rtol=1e-6, atol=1e-6)
     g = np.linalg.solve(M_r, s)
-    np.testing.assert_allclose(
+    assert_allclose(
         now.Rate(),
         (-5 * (np.outer(g, Phi) + 0.1 * W)).ravel(),
         rtol=1e-6,

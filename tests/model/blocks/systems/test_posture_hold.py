@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from slopes import Slopes
 
 from teleop_drake.loops.framework.validation import ScenarioError
@@ -36,7 +37,7 @@ def test_it_does_not_accelerate_the_tool(hold):
         v = 0.1 * rng.normal(size=6)
         free = evaluate("none", q, v)
         held = evaluate(hold, q, v)
-        np.testing.assert_allclose(held[1], free[1], atol=1e-9)
+        assert_allclose(held[1], free[1], atol=1e-9)
         assert np.abs(held[0] - free[0]).max() > 0.1
 
 
@@ -51,7 +52,7 @@ def test_it_turns_the_tool_back():
     tool = plant.GetBodyByName("tool")
     alpha = plant.EvalBodySpatialVelocityInWorld(context, tool).rotational()
     e = orientation_error(ToolRotation(plant, POSTURE), ToolRotation(plant, q))
-    np.testing.assert_allclose(alpha, -(10.0**2) * e, atol=1e-9)
+    assert_allclose(alpha, -(10.0**2) * e, atol=1e-9)
 
 
 def Hold(**changes):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Sine, VectorLogSink
@@ -34,8 +35,8 @@ def test_it_holds_and_quantises_and_takes_differences():
     sample, rate = Samples(sensor, 1.0)
     t = 0.01 * np.arange(len(sample))
     expected = 0.1 * np.round(np.sin(3 * t) / 0.1)
-    np.testing.assert_allclose(sample, expected, atol=1e-12)
-    np.testing.assert_allclose(rate[1:], np.diff(expected) / 0.01, atol=1e-9)
+    assert_allclose(sample, expected, atol=1e-12)
+    assert_allclose(rate[1:], np.diff(expected) / 0.01, atol=1e-9)
     assert rate[0] == 0
 
 
@@ -53,7 +54,7 @@ def test_noise_is_that_of_the_seed_and_of_the_stream():
 
     first = Noise(1, "force")
     assert np.std(first) == pytest.approx(0.2, rel=0.1)
-    np.testing.assert_array_equal(first, Noise(1, "force"))
+    assert_array_equal(first, Noise(1, "force"))
     for other in (Noise(2, "force"), Noise(1, "encoder")):
         assert abs(np.corrcoef(first, other)[0, 1]) < 0.2
 
@@ -75,8 +76,8 @@ SENSOR = {
 def test_the_law_gets_what_is_measured():
     run = simulate(LoadScenario("one_dof", SENSOR))
     steps = run["measured_position"][-10:] / 1e-6
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
-    np.testing.assert_array_equal(
+    assert_allclose(steps, np.round(steps), atol=1e-6)
+    assert_array_equal(
         run["return_packet_sent"],
         np.hstack([run["measured_position"], run["measured_velocity"]]),
     )

@@ -5,6 +5,7 @@ import pytest
 from block_checks import Feedthrough
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -90,14 +91,14 @@ def test_tool_kinematics_and_torques(dut, q, qdot, F_c, F_e):
     links = LENGTHS * np.exp(1j * np.cumsum(q))
     p = sum(links)
     v = 1j * links @ np.cumsum(qdot)
-    np.testing.assert_allclose(p_WT, [p.real, p.imag], atol=1e-10)
-    np.testing.assert_allclose(v_WT, [v.real, v.imag], atol=1e-10)
-    np.testing.assert_allclose(J.reshape(2, 3) @ qdot, v_WT, atol=1e-10)
+    assert_allclose(p_WT, [p.real, p.imag], atol=1e-10)
+    assert_allclose(v_WT, [v.real, v.imag], atol=1e-10)
+    assert_allclose(J.reshape(2, 3) @ qdot, v_WT, atol=1e-10)
     # (2.11) and (2.6), by the moments of F_c and of -F_e about each joint.
     arms = p - np.concatenate(([0], np.cumsum(links)[:-1]))
-    np.testing.assert_allclose(tau, arms.real * F_c[1] - arms.imag * F_c[0], atol=1e-10)
+    assert_allclose(tau, arms.real * F_c[1] - arms.imag * F_c[0], atol=1e-10)
     expected = arms.imag * F_e[0] - arms.real * F_e[1]
-    np.testing.assert_allclose(tau_e, expected, atol=1e-10)
+    assert_allclose(tau_e, expected, atol=1e-10)
     assert F_c @ v_WT == pytest.approx(tau @ qdot, abs=1e-9)
 
 
@@ -109,7 +110,7 @@ def test_contexts_do_not_disturb_one_another(dut):
     kinematics = dut.GetOutputPort("tool_kinematics")
     kinematics.Eval(first)
     for context, motion in ((second, [0, 1.2, -1.2, 0]), (first, [1.2, 0, 0, 1.2])):
-        np.testing.assert_allclose(kinematics.Eval(context)[:4], motion, atol=1e-12)
+        assert_allclose(kinematics.Eval(context)[:4], motion, atol=1e-12)
 
 
 def test_tool_acceleration_is_the_tool_bodys(dut):
@@ -125,7 +126,7 @@ def test_tool_acceleration_is_the_tool_bodys(dut):
     dut.GetInputPort("plant_state").FixValue(seen, x)
     dut.GetInputPort("generalized_acceleration").FixValue(seen, v_dot)
     found = dut.GetOutputPort("tool_acceleration").Eval(seen)
-    np.testing.assert_allclose(found, expected[:2], rtol=1e-12)
+    assert_allclose(found, expected[:2], rtol=1e-12)
 
 
 def test_it_has_its_slopes(dut):
@@ -164,4 +165,4 @@ def test_drake_linearises_a_robot():
     J = plant.CalcJacobianTranslationalVelocity(inner, JacobianWrtVariable.kV, *frames)
     J = J[:2]
     expected = J @ np.linalg.inv(plant.CalcMassMatrix(inner)) @ J.T
-    np.testing.assert_allclose(linear.D(), expected, rtol=1e-12)
+    assert_allclose(linear.D(), expected, rtol=1e-12)

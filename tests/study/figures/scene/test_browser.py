@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from browsers import MakePictures
+from numpy.testing import assert_allclose
 from PIL import Image
 from scene_recordings import MakeRecording
 
@@ -67,7 +68,7 @@ def test_the_page_shows_a_run_and_plays_it(tmp_path):
     assert set(seen["slabs"]) == {"tissue", "puncture", "contact"}
     # At 1 mm/s, felt 0.2 s later.
     tips = np.ravel(seen["tips"])
-    np.testing.assert_allclose(tips, [1e-4, 0.0, 1.9e-3, 1.7e-3], atol=2e-6)
+    assert_allclose(tips, [1e-4, 0.0, 1.9e-3, 1.7e-3], atol=2e-6)
     assert seen["is_moving"]
     # At the contact ten times slower.
     assert seen["paces"] == pytest.approx([1.0, 0.1, 1.0])

@@ -6,6 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from own_kinds import PuckConfig
 from scene_recordings import RETURN_DELAY, SPEED, MakeRecording
 
@@ -41,12 +42,12 @@ def test_ghost_reaches_where_it_is_felt():
     # The plant that is simulated tells no shapes.
     assert visuals.parts and not robot.LoadPlant().geometry_source_is_registered()
     q = visuals.Pose([0.9, 0.1], visuals.start_q)
-    np.testing.assert_allclose(visuals.Tool(q), [0.9, 0.1, 0.0], atol=1e-9)
+    assert_allclose(visuals.Tool(q), [0.9, 0.1, 0.0], atol=1e-9)
     # It is the pose near the robot's own, not the one with the elbow on the other side.
-    np.testing.assert_allclose(q, robot.JointPositions([0.9, 0.1]), atol=1e-6)
+    assert_allclose(q, robot.JointPositions([0.9, 0.1]), atol=1e-6)
     # Out of reach it comes near.
     far = visuals.Tool(visuals.Pose([1.6, 0.0], visuals.start_q))
-    np.testing.assert_allclose(far, [1.5, 0.0, 0.0], atol=0.01)
+    assert_allclose(far, [1.5, 0.0, 0.0], atol=0.01)
 
 
 def test_a_model_file_has_its_own_looks(tmp_path):
@@ -63,12 +64,12 @@ def test_a_model_file_has_its_own_looks(tmp_path):
     (part,) = RobotVisuals(robot).parts
     assert part.body == "forearm" and part.shape.radius() == 0.02
     assert part.rgba.r() == 1.0 and part.rgba.a() == 0.5
-    np.testing.assert_allclose(part.X_BG.translation(), [0.1, 0.0, 0.0])
+    assert_allclose(part.X_BG.translation(), [0.1, 0.0, 0.0])
     file.write_text(text)
     sticks = RobotVisuals(robot).parts
     assert [x.body for x in sticks] == ["column", "upper_arm", "forearm"]
     lengths = [x.shape.length() for x in sticks]
-    np.testing.assert_allclose(lengths, [0.2, 0.4, 0.3])
+    assert_allclose(lengths, [0.2, 0.4, 0.3])
 
 
 def test_a_robot_that_is_no_plant_is_a_point(monkeypatch):
@@ -82,10 +83,10 @@ def test_a_robot_that_is_no_plant_is_a_point(monkeypatch):
     assert {x.split("/")[3] for x in shapes} == {"robot", "environment"}
     assert {x.split("/")[4] for x in shapes if "robot" in x} == {"tip", "force"}
     middle = poses["/teleop/run_0/robot/tip"][FRAMES_PER_SECOND].translation()
-    np.testing.assert_allclose(middle, [0.1, 0.2, 0.2])
+    assert_allclose(middle, [0.1, 0.2, 0.2])
     # Forward, to the right in the picture, is into the wall; above is across.
     z_S = stage.X_WS.rotation().matrix().T @ [0.0, 0.0, -1.0]
-    np.testing.assert_allclose(z_S, [1.0, 0.0, 0.0], atol=1e-12)
+    assert_allclose(z_S, [1.0, 0.0, 0.0], atol=1e-12)
     # The wall is a plate, with its face where the tool ends.
     wall = "/teleop/run_0/environment/contact"
     X = poses[wall]
@@ -109,10 +110,10 @@ def test_the_ghost_is_late(names, monkeypatch):
         for part in ("tip", "carriage"):
             x = np.array([X.translation()[0] for X in poses[f"{path}/{part}"]])
             expected = SPEED * np.maximum(t - delay, 0.0)
-            np.testing.assert_allclose(x - x[0], expected, atol=1e-6)
+            assert_allclose(x - x[0], expected, atol=1e-6)
         scale = np.array(scales[f"{path}/force"])[:, 2]
         arrow = poses[f"{path}/force"][-1].rotation().col(2) * scale[-1]
-        np.testing.assert_allclose(arrow, [force, 0.0, 0.0], atol=1e-12)
+        assert_allclose(arrow, [force, 0.0, 0.0], atol=1e-12)
         assert scale[0] < 1e-5
     # The ghost is above its robot, the second run below the first.
     height = stage.ghost_height * stage.width
@@ -130,8 +131,8 @@ def test_slabs_begin_at_surfaces(monkeypatch):
     x = np.array([poses[path].translation()[0] for path in paths])
     half = np.array([shapes[path].width() / 2 for path in paths])
     low, high = stage.X_WS.translation()[0] + np.array([-0.5, 0.5]) * stage.width
-    np.testing.assert_allclose(x - half, [low, 0.0075, 0.015], atol=1e-12)
-    np.testing.assert_allclose(x + half, [0.0075, 0.015, high], atol=1e-12)
+    assert_allclose(x - half, [low, 0.0075, 0.015], atol=1e-12)
+    assert_allclose(x + half, [0.0075, 0.015, high], atol=1e-12)
     assert low < 0.0
 
 
