@@ -209,10 +209,9 @@ def Simulate(task: str, controller: str, delay: float, duration: float) -> Solut
     return _Run(_Model(result), file, delay, duration)
 
 
-def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
+def _MakeSolver(model: _Model, module: str, delay: float) -> jitcdde:
+    """Returns JiTCDDE's solver of a model at its start."""
     result = model.result
-    n = model.n
-    task = result.task
     dde = jitcdde(
         n=len(result.start_state),
         delays=[delay, delay],
@@ -222,13 +221,22 @@ def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
         verbose=False,
     )
     dde.constant_past(result.start_state, time=0.0)
+    tolerance = TOLERANCES[model.n]
     dde.set_integration_parameters(
-        rtol=TOLERANCES[n],
-        atol=TOLERANCES[n] * float(np.linalg.norm(task.velocity)),
+        rtol=tolerance,
+        atol=tolerance * float(np.linalg.norm(result.task.velocity)),
         first_step=1e-4,
         max_step=delay,
         min_step=1e-14,
     )
+    return dde
+
+
+def _Run(model: _Model, module: str, delay: float, duration: float) -> Solution:
+    result = model.result
+    n = model.n
+    task = result.task
+    dde = _MakeSolver(model, module, delay)
     ends = [layer.start for layer in task.layers] + [inf]
     layer = task.layer_at(result.p_start)
     times = []
