@@ -39,10 +39,10 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Compares a scenario's controllers, or values of its fields."""
     from teleop_drake.model.scenario.overrides import ParseOverrides
-    from teleop_drake.model.tasks import TaskOf
+    from teleop_drake.model.tasks import ComparedControllers
     from teleop_drake.study.sweep import PlanSweep
 
-    compared = list(TaskOf(options.Load(args)).controllers)
+    compared = ComparedControllers(options.Load(args))
     if not compared:
         allowed = "a teleoperation to compare its controllers; tracking has one only"
         Refuse("scenario", args.scenario, allowed)

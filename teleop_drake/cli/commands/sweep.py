@@ -168,7 +168,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     """Returns the plan of a scenario's sweep; seeds vary fastest, then the delays."""
     from teleop_drake.model.scenario import CONTROLLERS, LoadScenario, ScenarioError
     from teleop_drake.model.scenario.overrides import ParseOverrides
-    from teleop_drake.model.tasks import TaskOf
+    from teleop_drake.model.tasks import ComparedControllers
     from teleop_drake.study.sweep import PlanSweep
 
     delays = [
@@ -181,7 +181,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     controllers = options.ControllersOf(args)
     if not controllers and not {*given} & {"controller", "controller.kind"}:
         try:
-            controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
+            controllers = ComparedControllers(LoadScenario(args.scenario))
         except ScenarioError:  # The overrides may make it valid.
             controllers = list(CONTROLLERS)
     return PlanSweep(

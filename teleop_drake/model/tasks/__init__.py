@@ -2,9 +2,10 @@
 
 from typing import Any
 
-from teleop_drake.loops.framework.validation import Refuse, WrongKind
+from teleop_drake.loops.framework.validation import Refuse, ScenarioError, WrongKind
 from teleop_drake.model.kinds import ImportOwn
 from teleop_drake.model.scenario import AnyScenario, Scenario, TrackingScenario
+from teleop_drake.model.scenario.loading import LoadOverridden
 from teleop_drake.model.tasks.base import SpeedLimit, Task
 from teleop_drake.model.tasks.insertion import Insertion
 from teleop_drake.model.tasks.tracking import Tracking
@@ -33,8 +34,24 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     raise WrongKind(f"scenario = a {type(scenario).__name__}: must be a scenario")
 
 
+def ComparedControllers(scenario: AnyScenario) -> list[str]:
+    """Returns the kinds of controllers that a comparison uses by default.
+
+    They are those of the task. If the scenario has no gains for one of them, its own
+    controller is the only one.
+    """
+    kinds = list(TaskOf(scenario).controllers)
+    for kind in kinds:
+        try:
+            LoadOverridden(scenario, {"controller.kind": kind})
+        except ScenarioError:
+            return [scenario.controller.kind]
+    return kinds
+
+
 __all__ = [
     "TASKS",
+    "ComparedControllers",
     "Insertion",
     "SpeedLimit",
     "Task",

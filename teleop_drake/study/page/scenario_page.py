@@ -27,7 +27,7 @@ from teleop_drake.loops.page.sliders import (
 from teleop_drake.model.blocks.environments import Surface
 from teleop_drake.model.scenario import AnyScenario, AsTeleoperation, LoadOverridden
 from teleop_drake.model.scenario.overrides import ALIASES, Overrides, ParseOverrides
-from teleop_drake.model.tasks import TaskOf
+from teleop_drake.model.tasks import ComparedControllers, TaskOf
 from teleop_drake.model.tasks.insertion_metrics import FirstNormal
 from teleop_drake.study.figures.labels import AxisLabel
 from teleop_drake.study.page.hand import HandData
@@ -64,8 +64,8 @@ def DataOfScenario(
         has_late_wires: Whether each connection has a delay, of 0 s.
     """
     scenario, _ = LoadOverridden(source, overrides)
-    kinds = TaskOf(scenario).controllers if controllers is None else controllers
-    kinds = list(kinds) or [scenario.controller.kind]
+    kinds = ComparedControllers(scenario) if controllers is None else list(controllers)
+    kinds = kinds or [scenario.controller.kind]
     choices, ranges = _Choices(scenario, vary, has_hand)
     makers = {}
     for which in itertools.product(kinds, *choices.values()):

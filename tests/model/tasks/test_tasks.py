@@ -10,8 +10,14 @@ from own_kinds import Reach
 from teleop_drake.cli import main
 from teleop_drake.model.blocks.environments import CONTACT
 from teleop_drake.model.run.simulate import MakeDiagram, simulate
-from teleop_drake.model.scenario import LoadScenario, Scenario
-from teleop_drake.model.tasks import Insertion, SpeedLimit, TaskOf, Tracking
+from teleop_drake.model.scenario import LoadScenario, Scenario, ScenarioNames
+from teleop_drake.model.tasks import (
+    ComparedControllers,
+    Insertion,
+    SpeedLimit,
+    TaskOf,
+    Tracking,
+)
 from teleop_drake.model.tasks.metrics import RunMetrics, RunSummary
 from teleop_drake.study.figures.runs import PlotComparison, PlotRun
 from teleop_drake.study.sweep import MetricUnits
@@ -113,3 +119,16 @@ def test_runs_of_a_tracking_are_not_compared():
     recording = simulate(LoadScenario("network_tracking_linear", [SHORT]))
     with pytest.raises(ValueError, match=r"^recordings\.scenario = 'network_tracking"):
         PlotComparison({"a": recording})
+
+
+@pytest.mark.parametrize("name", ScenarioNames())
+def test_the_controllers_of_a_comparison_can_be_had(name):
+    """A leader and a follower have no gains for the thesis's controllers."""
+    scenario = LoadScenario(name)
+    kinds = ComparedControllers(scenario)
+    for kind in kinds:
+        LoadScenario(name, {"controller.kind": kind})
+    if name == "leader_follower":
+        assert kinds == ["proportional_damping"]
+    else:
+        assert kinds == list(TaskOf(scenario).controllers)
