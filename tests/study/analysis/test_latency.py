@@ -186,7 +186,7 @@ UNKNOWN = {
     "sine": (np.sin(6 * TIME), np.sin(6 * (TIME - DELAY)), "explain the record"),
     "constant": (0 * TIME, Noise(), "the command never changes"),
     "dead": (COMMAND, 0 * TIME, "the response never changes"),
-    "early": (TIME > 1.0, TIME > 1.0 + DELAY, "the response never changes after 2.99"),
+    "early": (TIME > 0.5, TIME > 0.5 + DELAY, "the response never changes after 1 s"),
     "one jump": (
         TIME > 4.0,
         TIME > 4.0 + DELAY,

@@ -99,7 +99,9 @@ def test_moves_as_on_paper(engine, forward, back):
     recording = simulate(
         MakeLoop(Config(), forward, back),
         duration=9.0,
-        simulator=SimulatorConfig(accuracy=1e-5, max_step_size=0.05),
+        simulator=SimulatorConfig(
+            integration_scheme="runge_kutta5", accuracy=1e-8, max_step_size=0.05
+        ),
         engine=engine,
     )
     direction = WAY / math.hypot(*WAY)
