@@ -104,8 +104,6 @@ class CompiledDiagram:
 
     def _TakeDraws(self, context: Context, end: float) -> "list[Draw]":
         """Advances random sources in a Context to a time in s; returns their draws."""
-        if not self._has_random_sources:
-            return []
         from teleop_drake.loops.engine.random_sources import TakeDraws
 
         return TakeDraws(self.evaluator, context, end)
@@ -118,6 +116,9 @@ class CompiledDiagram:
             problem = MakeProblem(program, self.start.t, end, self.past)
             self.problems.clear()
             self.problems[end] = problem
+        draws: list[Draw] = []
+        if self._has_random_sources:
+            draws = self._TakeDraws(self.context.Clone(), end)
         return CompiledRun(
             self.evaluator,
             None,
@@ -128,7 +129,7 @@ class CompiledDiagram:
             accuracy=config.accuracy,
             max_step=min(config.max_step_size, self.longest_step),
             is_checked=self.is_checked,
-            draws=self._TakeDraws(self.context.Clone(), end),
+            draws=draws,
         )
 
     def Run(self, job: Job) -> Outcome:
@@ -145,8 +146,8 @@ class CompiledDiagram:
             outcome.notes = [f"{', '.join(self.omitted)}: {_OMITTED}"]
         if job.has_events:
             end = run.start.t + job.duration
-            outcome.find_events = partial(FindEvents, run, end, outcome)
-        outcome.find_bends = partial(FindBends, run, outcome)
+            outcome.find_events = partial(FindEvents, run, end)
+        outcome.find_bends = partial(FindBends, run)
         if self._has_final_context:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)
@@ -235,7 +236,8 @@ class CompiledDiagram:
         """Returns the Context at the end of a run."""
         context: Context = self.context.Clone()
         time = run.next_time
-        self._TakeDraws(context, time)
+        if self._has_random_sources:
+            self._TakeDraws(context, time)
         context.SetTime(time)
         context.SetContinuousState(run.memory.x)
         contexts = ContextsIn(self.diagram, context)

@@ -3,6 +3,7 @@
 import math
 import time as clock
 from collections.abc import Callable
+from functools import partial
 
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
@@ -112,11 +113,10 @@ def RunInDrake(job: Job) -> Outcome:
         is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
-        find_bends=lambda: bends,
+        find_bends=lambda outcome: bends,
     )
     if job.has_events:
-        due = run.due
-        outcome.find_events = lambda: DrakeEvents(job, due, positions, outcome)
+        outcome.find_events = partial(DrakeEvents, job, run.due, positions)
     return outcome
 
 

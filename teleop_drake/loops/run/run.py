@@ -108,6 +108,10 @@ INTERRUPTED = Ending("interrupted", "interrupted by the user")
 """The ending of a run after Ctrl-C; it takes precedence over all other endings."""
 
 
+Bent = tuple[Collection[str], Collection[str]]
+"""What find_bends of an Outcome returns."""
+
+
 @dataclass(kw_only=True)
 class Outcome:
     """The outcome of a run.
@@ -124,9 +128,12 @@ class Outcome:
         make_final_context: A function that returns the Context at the end of the run;
             None if there is no such Context, see Recording.
         notes: Remarks on the run.
-        find_events: A function that returns the events that blocks have located.
-        find_bends: A function that returns the names of signals that are not accurate
-            between rows, and of inputs of delays that jump or bend within a step.
+        find_events: A function that returns the events that blocks have located, from
+            the outcome. It does not refer to the outcome: the memory of a run would be
+            released by the collector of cycles only.
+        find_bends: A function that returns, from the outcome, the names of signals that
+            are not accurate between rows, and of inputs of delays that jump or bend
+            within a step.
     """
 
     engine: str
@@ -139,8 +146,8 @@ class Outcome:
     systems: Mapping[str, System]
     make_final_context: Callable[[], Context] | None = None
     notes: Sequence[str] = ()
-    find_events: Callable[[], list[Event]] = list
-    find_bends: Callable[[], tuple[Collection[str], Collection[str]]] = lambda: ((), ())
+    find_events: Callable[["Outcome"], list[Event]] = lambda outcome: []
+    find_bends: Callable[["Outcome"], Bent] = lambda outcome: ((), ())
 
 
 def FindEvents(run: "CompiledRun", end: float, outcome: Outcome) -> list[Event]:

@@ -236,7 +236,7 @@ def RecordingOf(
         )
     recording = Recording(**fields, events=[])
     later: dict[str, Callable[[Recording], Any]] = {
-        "events": lambda _: run.find_events(),
+        "events": lambda _: run.find_events(run),
         "notes": lambda _: NotesOn(run, notes),
         "components": lambda _: FindComponents(job),
     }
@@ -285,7 +285,7 @@ def NotesOn(run: Outcome, known: Sequence[str]) -> list[str]:
     for system in run.systems.values():
         if hasattr(system, "RunNotes"):
             notes += system.RunNotes(time, signals)
-    return [*notes, *known, *NotesOnBends(*run.find_bends())]
+    return [*notes, *known, *NotesOnBends(*run.find_bends(run))]
 
 
 def _Channels(
