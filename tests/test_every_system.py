@@ -119,7 +119,9 @@ def test_a_page_with_the_default_visualization_runs_in_a_browser(look, tmp_path)
     """The solution is 1 - (t - T) between T and 2 T, as the delay begins with 0."""
     diagram = MakeBeside(VISUALIZERS["AddDefaultVisualization"])
     notes = WritePage(diagram, tmp_path / "page.html", duration=0.35)
-    assert notes[0].endswith("inertia_visualizer: left out, as nothing depends on them")
+    assert notes[0].endswith(
+        "inertia_visualizer: left out, without an effect on the signals"
+    )
     (found,) = look(tmp_path / "page.html", "rows.js")
     time = np.array(found["time"])
     x = np.array(found["signals"]["x"])[:, 0]

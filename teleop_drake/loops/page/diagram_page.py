@@ -153,7 +153,7 @@ def _DataOf(
     left_out = model.run.evaluator.left_out
     if left_out:
         paths = ", ".join(left_out)
-        notes.append(f"{paths}: left out, as nothing depends on them")
+        notes.append(f"{paths}: left out, without an effect on the signals")
     numbers = {
         name: number
         for name, number in ScalarsIn(system, job.context).items()

@@ -5,8 +5,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Gain, Integrator
+from pydrake.systems.primitives import Gain, Integrator, SymbolicVectorSystem
 from scipy.special import lambertw
 from servo import Servo
 
@@ -169,3 +170,32 @@ def test_beyond_its_margin_a_page_draws_the_growth(look, tmp_path):
     )
     assert (seen["crosses"], seen["words"]) == (1, [f"ran away at {when}"])
     assert seen["drawn"] > 100
+
+
+def Winding():
+    """A point that turns at w rad/s, with w' = 2 w and w(0) = 1."""
+    x, y, w = (Variable(name) for name in "xyw")
+    system = SymbolicVectorSystem(
+        state=[x, y, w], dynamics=[-w * y, w * x, 2 * w], output=[x, y, w]
+    )
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("winding", system)
+    builder.ExportOutput(system.get_output_port(), "state")
+    diagram = builder.Build()
+    diagram.set_name("winding")
+    return diagram
+
+
+def test_a_first_run_that_cannot_be_solved_ends_where_it_has_run_away(look, tmp_path):
+    """Where the state is 10 000 times its start, w = sqrt(2) 1e4.
+
+    The turns take too many steps long before w is 1e9.
+    """
+    diagram = Winding()
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([1.0, 0.0, 1.0])
+    page = tmp_path / "winding.html"
+    WritePage(diagram, page, context=context, duration=20.0)
+    seen = look(page, "ended.js")
+    assert seen["end"] == pytest.approx(math.log(math.sqrt(2) * 1e4) / 2, abs=1e-6)
+    assert "ran away after 4.8 s" in seen["said"]

@@ -3,13 +3,14 @@
 // The scopes show a signal until it is OFF_SCALE times as large as it was anywhere in the first run
 // of its loop: then that run would be less than a hundredth of a pixel. Signals below 1 in their SI
 // unit count as 1. If the first run has ended early, the size of the signals is not known, and only
-// UNKNOWN bounds them. For the bounds of a task, see model/run/ending.py.
+// UNKNOWN bounds them or, in a run that the solver cannot finish, OFF_SCALE times their start. For
+// the bounds of a task, see model/run/ending.py.
 
 import { range, show } from "./numbers.js";
 import { bisect, powersOf, valueAt } from "./pieces.js";
 
 const OFF_SCALE = 1e4;
-const UNKNOWN = 1e9;
+export const UNKNOWN = 1e9;
 
 export const NODES_OF_STEP = range(5);
 
@@ -37,7 +38,8 @@ export function largestOf({ loop, rows, width, time }) {
 
 // The bounds of a run whose first row begins at a place in the rows: those of its task, those of
 // the scopes, and for each column the magnitude below which all bounds of the scopes are kept.
-export function boundsOf({ loop, z, width }, rows, first) {
+// Signals of unknown size have the given bound, if it is larger than OFF_SCALE times their start.
+export function boundsOf({ loop, z, width }, rows, first, unknown) {
   const { reasons, signals, ports, largest = {} } = loop;
   const ofTask = reasons.map((reason, i) => {
     const [begin, size, lower, upper] = z.bounds.slice(4 * i, 4 * i + 4);
@@ -49,7 +51,7 @@ export function boundsOf({ loop, z, width }, rows, first) {
     if (!ports[port]?.[1]) continue;
     const [begin, size, unit] = ports[port];
     const least = OFF_SCALE * Math.max(1, normAt(rows, first + begin, size));
-    const upper = Math.max(least, name in largest ? OFF_SCALE * largest[name] : UNKNOWN);
+    const upper = Math.max(least, name in largest ? OFF_SCALE * largest[name] : unknown);
     const reason = `${name.replaceAll("_", " ")} exceeds ${show(upper, 3)} ${unit}`.trim();
     ofScopes.push({ begin, size, lower: -upper, upper, reason, isGrowth: true });
     safe.fill(upper / Math.sqrt(size), begin, begin + size);

@@ -2,7 +2,7 @@
 // engine/advance.py for the module's run(), numerics/step_polynomials.py for the polynomials of
 // steps, and bounds.js for where it ends early.
 
-import { NODES_OF_STEP, boundsOf, crossingOf, largestOf } from "./bounds.js";
+import { NODES_OF_STEP, UNKNOWN, boundsOf, crossingOf, largestOf } from "./bounds.js";
 import { measure } from "./metrics.js";
 import { clamp, range } from "./numbers.js";
 import { powersOf, valueAt } from "./pieces.js";
@@ -104,17 +104,19 @@ export class Run {
     let status = FULL;
     let before = -1;
     while (status === FULL && !this.reason) {
+      let unsolved = "";
       status = run(...this.headers, end, this.accuracy, this.longest);
       if (status < 0) throw new Error("an index is outside of its array");
-      if (status === STUCK) this.reason = "the step would have to be too small";
+      if (status === STUCK) unsolved = "the step would have to be too small";
       this.endAtBound();
       const counts = this.array("counts", Int32Array);
-      if (counts[TRIES] > MOST_TRIES) this.reason ||= "the loop is too stiff";
-      if (status === FULL && counts[ROWS] === before && !this.reason) {
+      if (counts[TRIES] > MOST_TRIES) unsolved ||= "the loop is too stiff";
+      if (status === FULL && counts[ROWS] === before && !unsolved && !this.reason) {
         if (this.loop.room < MOST_ROOM) this.grow();
-        else this.reason = "the run needs too many steps";
+        else unsolved = "the run needs too many steps";
       }
       before = counts[ROWS];
+      if (unsolved && !this.reason) this.endUnsolved(unsolved);
       if (performance.now() > pause) {
         await new Promise((go) => setTimeout(go));
         if (isStale()) return false;
@@ -151,12 +153,23 @@ export class Run {
     ({ events: this.events, metrics: this.metrics } = measure(this));
   }
 
+  // Ends a run that the solver cannot finish, for a reason. If a signal has grown far beyond its
+  // start, the run ends there.
+  endUnsolved(reason) {
+    this.reason = reason;
+    this.bounds = boundsOf(this, this.array("rows"), this.first * this.width, 0);
+    this.checked = this.first;
+    this.endAtBound();
+  }
+
   // Truncates the rows in memory where a signal first leaves its bounds, and stores the reason.
   endAtBound() {
     const counts = this.array("counts", Int32Array);
     const flags = this.array("row_ends", Int32Array);
     const rows = this.array("rows");
-    if (counts[ROWS] > this.first) this.bounds ??= boundsOf(this, rows, this.first * this.width);
+    if (counts[ROWS] > this.first) {
+      this.bounds ??= boundsOf(this, rows, this.first * this.width, UNKNOWN);
+    }
     for (let last = this.checked; last < counts[ROWS]; ++last) {
       if (!flags[2 * last]) continue;
       const found = crossingOf(this.bounds, rows, last, this.width);
