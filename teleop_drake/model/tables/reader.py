@@ -159,8 +159,14 @@ def OfRecords(records: Any, origin: str) -> Table:
             frame = pandas.DataFrame(records)
         else:
             frame = pandas.json_normalize(records)
-    except (AttributeError, NotImplementedError, TypeError, ValueError):
-        # pandas raises any of these for JSON that is no table.
+    # pandas raises any of these for JSON that is no table.
+    except (
+        AttributeError,
+        NotImplementedError,
+        OverflowError,
+        TypeError,
+        ValueError,
+    ):
         frame = pandas.DataFrame()
     if frame.empty:
         raise ScenarioError(
