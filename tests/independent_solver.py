@@ -663,6 +663,19 @@ class Packets(Result):
         return self._newest(t, 1)
 
 
+def _tolerances(result, rtol):
+    """Absolute tolerances in units of the commanded speed; Psi is of order one."""
+    task = result.task
+    n = task.robot.n
+    speed = np.linalg.norm(task.velocity) or 1.0
+    atol = np.full(len(result.start_state), 0.1 * rtol * speed)
+    atol[2 * n : 4 * n] /= max(task.denominator[1], 1.0)
+    if result.law is not None:
+        _, j, k = 4 * n + result.law.cuts
+        atol[j:k] = rtol
+    return atol
+
+
 def solve(
     task: Task, duration, *, rtol=1e-10, speed_limit=inf, until="", make=Result
 ) -> Result:
@@ -677,13 +690,7 @@ def solve(
     """
     result = make(task)
     n = task.robot.n
-    speed = np.linalg.norm(task.velocity) or 1.0
-    # Absolute tolerances in units of the commanded speed; Psi is of order one.
-    atol = np.full(len(result.start_state), 0.1 * rtol * speed)
-    atol[2 * n : 4 * n] /= max(task.denominator[1], 1.0)
-    if result.law is not None:
-        _, j, k = 4 * n + result.law.cuts
-        atol[j:k] = rtol
+    atol = _tolerances(result, rtol)
     result.add_breakpoints(0.0, 0)
     result.add_breakpoints(0.0, 1)
     result.add_breakpoints(task.stop_time, 0)
