@@ -63,29 +63,32 @@ class Bends:
         self._ahead: list[Array] = []
         self._is_followed = np.ones(len(sizes), dtype=bool)
 
-    def Find(self, rows: Array) -> Indices:
-        """Returns the indices of the signals that the polynomial does not follow.
+    def Find(self, rows: Array) -> tuple[Indices, Indices]:
+        """Returns the pieces that a polynomial does not follow, each with the signal.
 
         Args:
-            rows: The elements of all signals at the five instants of the piece, and at
-                CHECKED (6, k).
+            rows: The elements of all signals at the five instants of each piece, and at
+                CHECKED (m, 6, k).
+
+        Returns:
+            The indices of the pieces, and for each of them that of a signal.
         """
-        self._ahead.append(rows)
+        self.See(rows.reshape(-1, rows.shape[-1]))
         # An infinite or undefined signal is not compared.
         with np.errstate(invalid="ignore"):
             misfits = np.abs(_WEIGHTS @ rows)
             if len(self._ahead) < _MOST_AHEAD and not (misfits > self._allowed).any():
-                return _NO_SIGNAL
+                return _NO_SIGNAL, _NO_SIGNAL
             self._WidenRange()
-            is_bent = (misfits > self._allowed).any(axis=0)
-        if not is_bent.any():
-            return _NO_SIGNAL
-        bent: Indices = np.unique(self._owners[is_bent])
-        return bent[self._is_followed[bent]]
+            is_bent = (misfits > self._allowed).any(axis=1)
+        pieces, elements = np.nonzero(is_bent)
+        signals = self._owners[elements]
+        is_followed = self._is_followed[signals]
+        return pieces[is_followed], signals[is_followed]
 
-    def See(self, sample: Array) -> None:
-        """Extends the range of each element by a sample (k)."""
-        self._ahead.append(sample[np.newaxis])
+    def See(self, samples: Array) -> None:
+        """Extends the range of each element by samples (N, k)."""
+        self._ahead.append(samples)
 
     def _WidenRange(self) -> None:
         """Extends the range of each element by the rows that have not been seen yet."""

@@ -4,6 +4,7 @@ import math
 import time as clock
 from collections.abc import Callable
 from functools import partial
+from struct import Struct
 
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
@@ -56,8 +57,8 @@ _MOST_FORCED_STEPS = 100_000
 # The beginning of the names of signals that are recorded to find events.
 _HIDDEN = "\0"
 
-# The pace of a run is checked after so many samples.
-_SAMPLES_PER_CHECK = 16
+# The steps of a run, with those rejected, are counted after so many samples.
+_SAMPLES_PER_COUNT = 16
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -112,7 +113,7 @@ def RunInDrake(job: Job) -> Outcome:
         ending=ending,
         is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
-        make_final_context=simulator.get_context().Clone().Clone,
+        make_final_context=simulator.get_context().Clone,
         find_bends=lambda outcome: bends,
     )
     if job.has_events:
@@ -167,28 +168,40 @@ class _DrakeRun:
         self._job = job
         self._pace = Pace(job.duration, job.start)
         self._num_samples = 0
+        self._next_count = _SAMPLES_PER_COUNT
         self.watched = Watched({}, {}, {})
         if job.has_events:
             self.watched = WatchedIn(job.diagram)
         self.due: list[Event] = []
         ports = self.watched.positions | self.watched.sent
         hidden = {_HIDDEN + name: port for name, port in ports.items()}
+        # Rows that are far apart need no steps if none are taken for the states.
+        self._is_coarse = (
+            job.publish_period is not None
+            and job.bound == NormBound()
+            and job.context.num_continuous_states() == 0
+            and self.watched == Watched({}, {}, {})
+        )
         self.recorder = Recorder(
-            job.diagram, {**job.signals, **hidden}, simulator.get_mutable_context()
+            job.diagram,
+            {**job.signals, **hidden},
+            simulator.get_mutable_context(),
+            is_coarse=self._is_coarse,
         )
         self._ending: Ending | None = None
         self._complete_at = job.end - same_within(job.end)
         self.is_beyond_bound = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
-        names = list(job.signals)
-        bounded = job.bound.signal
-        columns = dict(zip(self.recorder.names, self.recorder.columns, strict=True))
-        watched = [columns[x] for x in names if bounded in (None, x)]
-        # A bound is on one signal, or on all.
-        self._bounded = (
-            slice(watched[0].start, watched[-1].stop) if watched else slice(0)
-        )
+        # A bound is on one signal, or on all; the rest of a sample is left out.
+        places = [
+            place
+            for name, place in zip(job.signals, self.recorder.columns, strict=False)
+            if job.bound.signal in (None, name)
+        ]
+        begin, end = (places[0].start, places[-1].stop) if places else (0, 0)
+        rest = self.recorder.columns[-1].stop - end if places else 0
+        self._bounded = Struct(f"{8 * begin}x{end - begin}d{8 * rest}x")
 
     @property
     def has_begun(self) -> bool:
@@ -209,6 +222,7 @@ class _DrakeRun:
             )
             if not is_ended(status):
                 status = self._AdvanceToEnd(is_ended)
+        self.recorder.CatchUp()
         if not self.has_begun:  # An initialization event has ended the run.
             self.recorder.Sample()
         # If the monitor has not ended the run, an event of a block has.
@@ -222,16 +236,19 @@ class _DrakeRun:
         Args:
             is_ended: Whether a run has ended early, from the status of AdvanceTo().
         """
-        is_plain = not self.watched.guarded and not self.watched.positions
-        if not (self.recorder.is_held and is_plain and self._job.bound == NormBound()):
-            return self._AdvanceInSteps(is_ended)
-        period = self._job.publish_period
-        if period is None:
-            self._simulator.set_monitor(self._HeldMonitor())
+        if not self._is_coarse:
+            is_free = self._job.bound == NormBound() and not self.watched.guarded
+            if self.recorder.is_held and is_free:
+                monitor = self.recorder.HeldMonitor(
+                    self._CheckHeld, self._complete_at, self.interruption
+                )
+                self._simulator.set_monitor(monitor)
             return self._AdvanceInSteps(is_ended)
         # Between the rows, nothing in Python looks at the run.
         self._simulator.clear_monitor()
         context = self._simulator.get_context()
+        period = self._job.publish_period
+        assert period is not None
         for time in times_every(period, self._job.start, self._job.end)[1:].tolist():
             status = self._simulator.AdvanceTo(time)
             if is_ended(status) or self.Monitor(context):
@@ -265,38 +282,25 @@ class _DrakeRun:
     def Bends(self) -> tuple[set[str], set[str]]:
         """Returns the signals that Outcome.find_bends tells."""
         recorder = self.recorder
-        sent = {x for x in self.watched.sent if _HIDDEN + x in recorder.bent}
-        return recorder.unresolved & set(self._job.signals), sent
+        bent = recorder.Bent()
+        sent = {x for x in self.watched.sent if _HIDDEN + x in bent}
+        return recorder.Unresolved() & set(self._job.signals), sent
 
     def Monitor(self, root_context: Context) -> EventStatus | None:
         """Records a step at its end; ends the run if a check requires it."""
-        now = self.recorder.Sample()
+        sample = self.recorder.Sample()
         self._num_samples += 1
-        guarded = self.watched.guarded
-        if guarded:
+        if self.watched.guarded:
+            guarded = self.watched.guarded
             self.due += GuardsDue(guarded, self._job.diagram, root_context)
-        norm = math.hypot(*now[self._bounded].tolist())
-        return self._Check(root_context.get_time(), norm)
+        norm = math.hypot(*self._bounded.unpack(sample))
+        return self._Check(self.recorder.time, norm)
 
-    def _HeldMonitor(self) -> Callable[[Context], EventStatus | None]:
-        """Returns a monitor that does what Monitor() does if all signals are held.
-
-        Nothing but signals that are not finite may end the run early.
-        """
-        sample = self.recorder.HeldSampler()
-        complete_at = self._complete_at
-        interruption = self.interruption
-        infinite = math.inf
-
-        def Monitor(_: Context) -> EventStatus | None:
-            time, norm = sample()
-            self._num_samples += 1
-            is_due = interruption.has_come or not self._num_samples % _SAMPLES_PER_CHECK
-            if norm < infinite and time < complete_at and not is_due:
-                return None
-            return self._Check(time, norm)
-
-        return Monitor
+    def _CheckHeld(self, time: float) -> EventStatus | None:
+        """Checks the samples of held signals since the last check, as _Check()."""
+        are_numbers = self.recorder.AreNumbers(self._num_samples)
+        self._num_samples = self.recorder.num_samples
+        return self._Check(time, 0.0 if are_numbers else math.nan)
 
     def _Check(self, time: float, norm: float) -> EventStatus | None:
         """Ends the run if it exceeds its bound, is interrupted or complete.
@@ -309,7 +313,8 @@ class _DrakeRun:
             ScenarioError: If the run would take too many steps; see Pace.
         """
         bound = self._job.bound
-        if self._num_samples % _SAMPLES_PER_CHECK == 0:
+        if self._num_samples >= self._next_count:
+            self._next_count = self._num_samples + _SAMPLES_PER_COUNT
             rejected = CountsOf(self._simulator).rejected
             steps = max(self._num_samples, self._simulator.get_num_steps_taken())
             self._pace.Check(steps + rejected, time)

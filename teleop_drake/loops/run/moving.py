@@ -7,7 +7,7 @@ moves unless an input does. What is affine in the continuous states need not be 
 by Drake where these are known.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -21,6 +21,7 @@ from pydrake.systems.framework import (
 from teleop_drake.loops.engine.flatten import Flatten, OutputOf, Reached, Source
 from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.signals import IsOfDrake
+from teleop_drake.loops.run.readings import Readings
 
 # Classes of Drake whose outputs depend on time only by way of inputs and states.
 _TIMELESS = {
@@ -83,17 +84,30 @@ _AFFINE = {
 class Motion:
     """What is known of the outputs of a System's blocks, for one of its runs.
 
-    Args:
+    Attributes:
         system: The simulated System.
-        later: A Context of the System in which outputs were evaluated, and whose time
-            and continuous state have been set since then. The object changes it.
+        context: A Context of the System, for what is evaluated within steps.
+
+    Args:
+        system: The System.
+        root_context: A Context of the System, in which its outputs were evaluated.
     """
 
-    def __init__(self, system: System, later: Context):
+    def __init__(self, system: System, root_context: Context):
+        self.system = system
+        self.context = root_context.Clone()
         self._blocks = Flatten(system)
-        self._later = later
-        contexts = ContextsIn(system, later)
-        self._contexts = [contexts[block.system] for block in self._blocks]
+        self._contexts = self._ContextsOfBlocks(self.context)
+        # A clone has the outputs that were evaluated, until something changes.
+        state = root_context.get_continuous_state_vector().CopyToVector()
+        time = root_context.get_time() + 1.0
+        self.context.SetTimeAndContinuousState(time, state)
+        self._with_new_abstract_states = self._contexts
+        if system.num_abstract_states():
+            other = root_context.Clone()
+            for i in range(system.num_abstract_states()):
+                other.get_mutable_abstract_state(i)
+            self._with_new_abstract_states = self._ContextsOfBlocks(other)
         # Events change abstract states unseen, and with them what an output adds.
         self._may_be_affine = (
             system.num_continuous_states() > 0 and system.num_abstract_states() == 0
@@ -114,12 +128,52 @@ class Motion:
         """Returns whether an output may change within a step."""
         return self._Moves(self._SourceOf(port))
 
+    def DependsOnAbstract(self, port: OutputPort) -> bool:
+        """Returns whether an output may depend on abstract states."""
+        if not self.system.num_abstract_states():
+            return False
+        source = self._SourceOf(port)
+        context = self._with_new_abstract_states[source.block]
+        return _IsOutOfDate(self._blocks[source.block].system, source.port, context)
+
     def IsAffine(self, port: OutputPort) -> bool:
         """Returns whether an output is affine in the continuous state within a step.
 
         What it adds to the share of the state changes where a step begins only.
         """
         return self._may_be_affine and self._IsAffine(self._SourceOf(port))
+
+    def ReadingsOf(self, ports: Sequence[OutputPort]) -> Readings:
+        """Returns what reads some outputs in the Context for what is within steps."""
+        readings = Readings(ports, self.context)
+        readings.EvaluateOnly(self.Readers(ports))
+        return readings
+
+    def Readers(self, ports: Sequence[OutputPort]) -> list[int]:
+        """Returns the indices of those outputs with which all others are evaluated.
+
+        An output from which another one is computed need not be evaluated by itself.
+        """
+        sources = [self._SourceOf(port) for port in ports]
+        read = {x for source in sources for x in self._ReadBy(source)}
+        return [i for i, source in enumerate(sources) if source not in read]
+
+    def _ReadBy(self, source: Source) -> Iterable[Source]:
+        """Returns outputs that are evaluated whenever an output is computed.
+
+        Those of affine blocks are computed from all inputs, if from any.
+        """
+        block = self._blocks[source.block]
+        index = int(block.system.GetOutputPort(source.port).get_index())
+        is_known = _IsOneOf(_AFFINE, block.system)
+        if is_known and block.system.HasDirectFeedthrough(index):
+            return block.inputs.values()
+        return ()
+
+    def _ContextsOfBlocks(self, root_context: Context) -> list[Context]:
+        """Returns the Contexts of the blocks in a Context of the System."""
+        contexts = ContextsIn(self.system, root_context)
+        return [contexts[block.system] for block in self._blocks]
 
     def _SourceOf(self, port: OutputPort) -> Source:
         return OutputOf(self._blocks, port.get_system(), int(port.get_index()))
@@ -167,9 +221,9 @@ class Motion:
         if system.HasDirectFeedthrough(int(port.get_index())):
             return False
         random = np.random.default_rng(1)
-        size = self._later.num_continuous_states()
+        size = self.context.num_continuous_states()
         for scale in (1.0, 1e3):
-            self._later.SetContinuousState(scale * random.standard_normal(size))
+            self.context.SetContinuousState(scale * random.standard_normal(size))
             state = context.get_continuous_state_vector().CopyToVector()
             if not np.isin(port.Eval(context), state).all():
                 return False

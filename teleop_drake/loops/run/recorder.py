@@ -1,67 +1,53 @@
 """The sampler of a run in Drake's Simulator."""
 
 import math
-from array import array
-from collections.abc import Callable, Mapping
-from itertools import pairwise
+from collections.abc import Callable, Collection, Mapping, Sequence
+from itertools import cycle, pairwise
 
 import numpy as np
-from pydrake.systems.framework import Context, OutputPort, System
+from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 
-from teleop_drake.loops.framework.arrays import Array, Indices
 from teleop_drake.loops.numerics.instants import SAME, SAME_SHARE, same_within
 from teleop_drake.loops.numerics.step_polynomials import DEGREE, Series
-from teleop_drake.loops.run.affine import HERMITE, Affine, Ends, Moving
-from teleop_drake.loops.run.bends import CHECKED, INSIDE, Bends
+from teleop_drake.loops.run.bends import CHECKED, INSIDE
+from teleop_drake.loops.run.following import Following, Moving, Rows
 from teleop_drake.loops.run.moving import Motion
+from teleop_drake.loops.run.readings import Readings
+from teleop_drake.loops.run.run import Interruption
 
-# The instants at which a piece is evaluated, as shares of its length, and the powers of
-# those of a whole step.
-_EVALUATED = [*INSIDE, CHECKED]
-_OF_STEP = np.vander(_EVALUATED, 4, increasing=True)
+# Samples of held signals are checked after so many.
+_SAMPLES_PER_CHECK = 128
 
-# The number of steps at the start that are sampled in full in any case.
-_FULL_STEPS = 8
+# The instants at which the first steps are looked at, as shares of their lengths, and
+# the number of these steps.
+_LOOKED_AT = (*INSIDE, CHECKED)
+_FIRST_STEPS = 8
 
 # The golden section, whose multiples are spread evenly between whole numbers.
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-
-_NOTHING: Array = np.empty(0)
-
-# The shortest piece as a share of its step, and the most pieces of a step. A kink needs
-# some fifteen.
-_SHORTEST_PIECE = 2.0**-14
-_MOST_PIECES = 200
 
 
 class Recorder:
     """A sampler of the signals of a diagram, step by step.
 
-    Drake provides the states at the ends of a step only. Within a step they are
-    interpolated by cubic polynomials that match states and rates at both ends. The
-    outputs that depend on them, or on time, are evaluated at these states, in a
-    separate Context. If all are known to be affine in them, they follow the cubics.
-    Where a polynomial through the samples does not follow a signal, the step is
-    recorded in shorter pieces, down to 2^-14 of its length. All other outputs are held:
-    they change at the beginning of a step only. If one has, or if the discrete state
-    differs from that of the last sample, the beginning is sampled again.
+    Signals that are known to be held within a step are sampled at its end. Those that
+    may move within a step are followed there, too; see Following.
 
-    Many blocks only seem to depend on time. In a system without continuous states, a
-    step with the same values at its beginning, at its end and at one instant within is
-    taken to have no others, until a signal is seen to move and to come back in a step.
+    Many blocks only seem to depend on time. In a system without continuous states, the
+    signals that may move are looked at in full within the first steps, and at one
+    instant within each later one. Each is taken to be held until it is seen to move.
 
     Attributes:
         names: The names of the signals.
         columns: The slice of a sample that belongs to each signal, in the same order.
-        bent: The names of the signals that jump or bend within a step.
-        unresolved: The names of those that do so more sharply than the shortest piece
-            follows.
         is_held: Whether no signal may move within a step; known from the first sample.
+        time: The time of the last sample, s.
 
     Args:
         diagram: The simulated System.
         signals: The output port of each signal, by name.
         root_context: The Context of the Simulator.
+        is_coarse: Whether the samples are all that is asked for.
     """
 
     def __init__(
@@ -69,307 +55,253 @@ class Recorder:
         diagram: System,
         signals: Mapping[str, OutputPort],
         root_context: Context,
+        *,
+        is_coarse: bool = False,
     ):
         self.names = list(signals)
-        self.bent: set[str] = set()
-        self.unresolved: set[str] = set()
-        self.is_held = False
-        sizes = [port.size() for port in signals.values()]
-        ends = np.cumsum([0, *sizes]).tolist()
+        self.is_held = is_coarse
+        self.time = math.inf
+        self._sizes = [port.size() for port in signals.values()]
+        ends = np.cumsum([0, *self._sizes]).tolist()
         self.columns = [slice(*ends_of) for ends_of in pairwise(ends)]
-        self._bends = Bends(sizes)
         # Ports without elements need no evaluation.
         self._ports = [
-            (port, place)
-            for port, place in zip(signals.values(), self.columns, strict=True)
-            if port.size() > 0
+            (i, port) for i, port in enumerate(signals.values()) if self._sizes[i] > 0
         ]
-        self._at_end = [
-            (port.Eval, port.get_system().GetMyContextFromRoot(root_context))
-            for port, _ in self._ports
-        ]
+        self._readings = Readings([port for _, port in self._ports], root_context)
         self._diagram = diagram
         self._root_context = root_context
-        self._has_states = root_context.num_continuous_states() > 0
-        self._modes = range(root_context.num_discrete_state_groups())
-        self._num_columns = ends[-1]
+        self._motion: Motion | None = None
+        # The signals that are followed.
         self._moving: list[Moving] = []
-        self._affine: Affine | None = None
-        # Whether no signal was seen yet to move and to come back within a step.
-        self._stays = not self._has_states
+        self._following: Following | None = None
+        # Those that are looked at, with their values within a step and at its end.
+        self._still: list[Moving] = []
+        self._inside = Readings((), root_context)
+        self._at_end: list[memoryview] = []
+        self._looks = not is_coarse
+        self._num_looks = 0
+        # The ends of steps in which no signal moves.
         self._times: list[float] = []
-        self._samples: list[Array] = []
-        # The later samples of signals that are held.
-        self._held = array("d")
-        self._step_ends: list[int] = []
-        self._state = self._rate = _NOTHING
-        # The discrete states and the held signals at the last sample.
-        self._last_held: list[bytes] = []
+        self._samples: list[bytes] = []
+        self._bent: set[int] = set()
+        self._unresolved: set[int] = set()
 
-    def Sample(self) -> Array:
-        """Samples the interior and the end of a step; returns the sample at its end."""
-        root = self._root_context
-        time = root.get_time()
-        values = _Joined([evaluate(context) for evaluate, context in self._at_end])
-        if not self._times:
-            self._FindMoving(time)
-        if self.is_held:
-            self._Append(time, values)
-            return values
-        state = rate = _NOTHING
-        if self._has_states:
-            state = root.get_continuous_state_vector().CopyToVector()
-            rate = self._RateIn(root)
-        held = [
-            *(root.get_discrete_state(i).CopyToVector().tobytes() for i in self._modes),
-            values[self._held_columns].tobytes(),
-        ]
-        last = self._times[-1] if self._times else math.inf
-        if time > last + same_within(time) and _AreFinite(values):
-            has_changed = held != self._last_held
-            if has_changed or self._affine is None:
-                self._inner_context.SetTimeStateAndParametersFrom(root)
-            if has_changed:
-                # A block has changed it at the beginning of the step.
-                first = self._Evaluate(last, self._state, values)
-                self._Append(last, first)
-                if self._has_states:
-                    self._rate = self._RateIn(self._inner_context)
-            if not self._IsStill(time, values):
-                self._SampleStep(time, state, rate, values)
-        else:
-            self._Append(time, values)
-        self._state = state
-        self._rate = rate
-        self._last_held = held
-        return values
+    def Sample(self) -> bytes:
+        """Samples the end of a step, and what moves within; returns the sample.
 
-    def HeldSampler(self) -> Callable[[], tuple[float, float]]:
-        """Returns a function that takes the samples from now on, of held signals.
-
-        It returns the time in s and the norm of all signals. It does what Sample()
-        does, in a third of the time: a discrete system takes steps of microseconds.
+        It has eight bytes for each element. The first sample is that of the start.
         """
-        get_time = self._root_context.get_time
-        at_end = self._at_end
-        append_time = self._times.append
-        store = self._held.extend
-        hypot = math.hypot
+        sample = self._readings.Read()
+        begin = self.time
+        time = self.time = self._root_context.get_time()
+        if self._looks:
+            self._Look(begin, time)
+        if self._following is None:
+            self._times.append(time)
+            self._samples.append(sample)
+        else:
+            self._following.Add(time, sample)
+        return sample
 
-        def Sample() -> tuple[float, float]:
-            norm = 0.0
-            for evaluate, context in at_end:
-                values = evaluate(context).tolist()
-                store(values)
-                norm = hypot(norm, *values)
+    def HeldMonitor(
+        self,
+        check: Callable[[float], EventStatus | None],
+        until: float,
+        interruption: Interruption,
+    ) -> Callable[[Context], EventStatus | None]:
+        """Returns a monitor that takes the samples from now on, of held signals.
+
+        It does what Sample() does, in half the time: a discrete system takes steps of
+        microseconds.
+
+        Args:
+            check: What is called with the time after some samples, and at once after an
+                interruption. It returns what the monitor returns.
+            until: The time in s from which on it is called at once.
+            interruption: The handler of Ctrl-C.
+        """
+        readers = self._readings.readers
+        memory = self._readings.memory
+        join = b"".join
+        get_time = self._root_context.get_time
+        append_time = self._times.append
+        append_sample = self._samples.append
+        is_quiet = cycle([*[True] * (_SAMPLES_PER_CHECK - 1), False])
+
+        def Monitor(_: Context) -> EventStatus | None:
+            for evaluate, context in readers:
+                evaluate(context)
+            append_sample(join(memory))
             time = get_time()
             append_time(time)
-            return time, norm
+            if time < until and next(is_quiet) and not interruption.has_come:
+                return None
+            return check(time)
 
-        return Sample
+        return Monitor
 
-    def Last(self) -> tuple[float, list[Array]]:
-        """Returns the time of the last sample and its values."""
-        return self._times[-1], [self._samples[-1][place] for place in self.columns]
+    @property
+    def num_samples(self) -> int:
+        """The number of samples of held signals."""
+        return len(self._samples)
 
-    def _FindMoving(self, time: float) -> None:
+    def AreNumbers(self, first: int) -> bool:
+        """Returns whether no sample of held signals is NaN, from an index on."""
+        later = b"".join(self._samples[first:])
+        return not np.isnan(np.frombuffer(later)).any()
+
+    def CatchUp(self) -> None:
+        """Records the steps that wait for the rows within them."""
+        if self._following is not None:
+            self._following.CatchUp()
+
+    def _Look(self, begin: float, end: float) -> None:
+        """Looks at a step for signals that move in it, and begins to follow them.
+
+        Args:
+            begin: The time of the beginning, s.
+            end: The time of the end, s.
+        """
+        if self._motion is None:
+            self._motion = self._FindMoving()
+        elif end > begin + same_within(end):
+            found = self._Seen(self._motion, begin, end)
+            if found:
+                self._Follow(self._motion, found)
+
+    def _FindMoving(self) -> Motion:
         """Finds the signals that may move within a step, at the first sample."""
-        self._inner_context = context = self._root_context.Clone()
-        state = context.get_continuous_state_vector().CopyToVector()
-        # The clone has the outputs that were evaluated, until its time changes.
-        context.SetTimeAndContinuousState(time + 1.0, state)
-        motion = Motion(self._diagram, context)
-        held = np.ones(self._num_columns, dtype=bool)
-        is_affine = True
-        for port, place in self._ports:
-            if motion.Moves(port):
-                own = port.get_system().GetMyContextFromRoot(context)
-                self._moving.append((port.Eval, own, place))
-                held[place] = False
-                is_affine = is_affine and motion.IsAffine(port)
-        self._held_columns = np.flatnonzero(held)
-        self.is_held = not self._moving
-        if self._moving and is_affine:
-            self._affine = Affine(context, self._moving)
-
-    def _Append(self, time: float, values: Array) -> None:
-        self._times.append(time)
-        self._samples.append(values)
-
-    def _RateIn(self, root_context: Context) -> Array:
-        """Returns the rate of the state in a Context."""
-        rate: Array = self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
-        return rate
-
-    def _SampleStep(self, end: float, state: Array, rate: Array, values: Array) -> None:
-        """Records the samples from the last one to the end of the step.
-
-        Args:
-            end: The time of the end, s.
-            state: The state at the end.
-            rate: The rate of the state at the end.
-            values: The sample at the end.
-        """
-        ends = self._state, state, self._rate, rate
-        first = len(self._times) - 1
-        if self._affine is None:
-            self._FollowStep(end, values, ends)
+        motion = Motion(self._diagram, self._root_context)
+        found = [
+            Moving(
+                signal=i,
+                port=port,
+                place=self.columns[i],
+                is_affine=motion.IsAffine(port),
+                is_opaque=motion.DependsOnAbstract(port),
+            )
+            for i, port in self._ports
+            if motion.Moves(port)
+        ]
+        self._readings.EvaluateOnly(motion.Readers([port for _, port in self._ports]))
+        self.is_held = not found
+        if found and self._root_context.num_continuous_states():
+            self._Follow(motion, found)
         else:
-            self._AppendStill(end, values)
-            self._affine.Store(first, len(self._times) - 1, ends)
+            self._Watch(motion, found)
+        return motion
 
-    def _FollowStep(self, end: float, values: Array, ends: Ends) -> None:
-        """Records the samples of a step in pieces that polynomials follow.
+    def _Watch(self, motion: Motion, still: list[Moving]) -> None:
+        """Looks at signals from now on, and at no others."""
+        self._still = still
+        self._looks = bool(still)
+        self._inside = motion.ReadingsOf([x.port for x in still])
+        self._at_end = self._MemoryOf({x.signal for x in still})
+
+    def _Follow(self, motion: Motion, found: Sequence[Moving]) -> None:
+        """Follows signals from now on, with those that are followed already."""
+        self.CatchUp()
+        self._Watch(motion, [x for x in self._still if x not in found])
+        self._moving += found
+        moving = {x.signal for x in self._moving}
+        self._bent |= self._following.bent if self._following else set()
+        self._unresolved |= self._following.unresolved if self._following else set()
+        self._following = Following(
+            motion,
+            self._root_context,
+            self._sizes,
+            self._moving,
+            self._MemoryOf({i for i, _ in self._ports} - moving),
+            self._Rows(DEGREE),
+        )
+
+    def _MemoryOf(self, signals: Collection[int]) -> list[memoryview]:
+        """Returns the values of signals at the last sample, from their indices."""
+        memory = zip(self._ports, self._readings.memory, strict=True)
+        return [values for (i, _), values in memory if i in signals]
+
+    def _Seen(self, motion: Motion, begin: float, end: float) -> list[Moving]:
+        """Returns the signals that are seen to move in a step.
+
+        After the first steps this looks at one instant, which differs from step to
+        step, so that it does not keep time with a signal whose period is that of the
+        steps.
 
         Args:
+            begin: The time of the beginning, s.
             end: The time of the end, s.
-            values: The sample at the end.
-            ends: The states at the ends of the step and their rates there.
         """
-        begin = self._times[-1]
-        h = end - begin
-        before, after, rate_before, rate_after = ends
-        states = np.array([before, after, h * rate_before, h * rate_after])
-        coefficients = HERMITE @ states
+        motion.context.SetTimeStateAndParametersFrom(self._root_context)
+        self._num_looks += 1
+        if self._num_looks <= _FIRST_STEPS:
+            times = [begin + share * (end - begin) for share in _LOOKED_AT]
+            found = {i for time in times for i in self._Differing(motion, time)}
+        else:
+            once = (self._num_looks * _GOLDEN) % 1.0
+            found = self._Differing(motion, begin + once * (end - begin))
+            if found:
+                # Those that are back at the end may have moved in earlier steps, too.
+                back = found - self._Differing(motion, begin)
+                self._bent |= back
+                self._unresolved |= back
+        return [x for x in self._still if x.signal in found]
 
-        def At(first: float, width: float) -> list[tuple[float, Array]]:
-            shares = [first + share * width for share in _EVALUATED]
-            instants = [begin + share * h for share in shares]
-            is_whole = width == 1.0
-            powers = _OF_STEP if is_whole else np.vander(shares, 4, increasing=True)
-            inside = powers @ coefficients
-            return [
-                (t, self._Evaluate(t, x, values))
-                for t, x in zip(instants, inside, strict=True)
-            ]
+    def _Differing(self, motion: Motion, time: float) -> set[int]:
+        """Returns the signals that are not at a time in s what they are at the end."""
+        motion.context.SetTime(time)
+        if self._inside.Read() == b"".join(self._at_end):
+            return set()
+        values = zip(self._still, self._inside.memory, self._at_end, strict=True)
+        return {signal.signal for signal, inside, at_end in values if inside != at_end}
 
-        # The pieces ahead, the next one last, each with the sample at its end.
-        pieces = [(0.0, 1.0, (end, values))]
-        num_pieces = 1
-        while pieces:
-            first, last, sample = pieces.pop()
-            width = last - first
-            *inside, checked = At(first, width)
-            rows = [self._samples[-1], *(x for _, x in (*inside, sample, checked))]
-            bent = self._bends.Find(np.array(rows))
-            if width == 1.0:
-                self.bent |= {self.names[k] for k in bent}
-            if len(bent) and width > _SHORTEST_PIECE and num_pieces < _MOST_PIECES:
-                middle = first + width / 2
-                pieces += [(middle, last, sample), (first, middle, inside[1])]
-                num_pieces += 1
-                continue
-            self.unresolved |= {self.names[k] for k in bent}
-            if num_pieces == _MOST_PIECES:
-                # Noise bends everywhere.
-                self._bends.Leave(bent)
-            for instant in inside:
-                self._Append(*instant)
-            self._step_ends.append(len(self._times))
-            self._Append(*sample)
+    def Bent(self) -> set[str]:
+        """Returns the names of the signals that jump or bend within a step."""
+        bent = self._following.bent if self._following else set()
+        return {self.names[i] for i in self._bent | bent}
 
-    def _IsStill(self, end: float, values: Array) -> bool:
-        """Records a step in which no signal moves; returns whether it is one.
-
-        After the first steps they are looked at once, at an instant that differs from
-        step to step, so that it does not keep time with a signal whose period is that
-        of the steps.
-
-        Args:
-            end: The time of the end, s.
-            values: The sample at the end.
-        """
-        bits = values.tobytes()
-        if not self._stays or self._samples[-1].tobytes() != bits:
-            return False
-        begin = self._times[-1]
-        is_first = len(self._step_ends) < _FULL_STEPS
-        once = (len(self._times) * _GOLDEN) % 1.0
-        for share in _EVALUATED if is_first else [once]:
-            instant = begin + share * (end - begin)
-            inside = self._Evaluate(instant, self._state, values)
-            if inside.tobytes() == bits:
-                continue
-            self._stays = False
-            if not is_first:
-                # Steps before may have been taken for still.
-                places = zip(self.names, self.columns, strict=True)
-                moves = inside != values
-                found = {name for name, x in places if moves[x].any()}
-                self.bent |= found
-                self.unresolved |= found
-            return False
-        self._bends.See(values)
-        self._AppendStill(end, values)
-        return True
-
-    def _AppendStill(self, end: float, values: Array) -> None:
-        """Appends the rows of a step with the same values within and at its end."""
-        begin = self._times[-1]
-        self._times += [begin + share * (end - begin) for share in INSIDE]
-        self._step_ends.append(len(self._times))
-        self._times.append(end)
-        self._samples += [values] * DEGREE
-
-    def _Evaluate(self, time: float, state: Array, at_end: Array) -> Array:
-        """Returns the sample at a time in s and at a state.
-
-        Args:
-            at_end: The sample at the end of the step, which has the held signals.
-        """
-        self._inner_context.SetTimeAndContinuousState(time, state)
-        values = at_end.copy()
-        for evaluate, own, place in self._moving:
-            values[place] = evaluate(own)
-        return values
+    def Unresolved(self) -> set[str]:
+        """Returns the names of those that are not accurate there."""
+        unresolved = self._following.unresolved if self._following else set()
+        return {self.names[i] for i in self._unresolved | unresolved}
 
     def Finish(self) -> Series:
-        """Returns the times (N,), the signals (N, k) and the steps."""
-        times = np.array(self._times)
-        size = self._num_columns
-        # An error may have ended the run within the last sample.
-        held = self._held[: size * (len(times) - len(self._samples))]
-        rows = np.concatenate([*self._samples, held]).reshape(len(times), size)
-        ends = np.array(self._step_ends, int)
-        if self._affine is not None:
-            self._affine.Fill(times, rows)
-        if self.is_held:
-            times, rows, ends = _WithSteps(times, rows)
+        """Returns the times (N,), the signals (N, k) and the steps.
+
+        A held signal is a straight line within a step.
+        """
+        degree = DEGREE if self._following else 1
+        times, rows, ends = self._Rows(degree)
         signals = {
             name: rows[:, place]
             for name, place in zip(self.names, self.columns, strict=True)
         }
-        return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+        return times, signals, ends[:, np.newaxis] + np.arange(-degree, 1)
 
+    def _Rows(self, degree: int) -> Rows:
+        """Returns the rows so far.
 
-def _WithSteps(times: Array, rows: Array) -> tuple[Array, Array, Indices]:
-    """Returns times and rows of steps, and the indices of the rows at their ends.
+        If no signal is followed, each may jump at the beginning of a step only.
 
-    Args:
-        times: The times of the samples at the ends of steps, s (N).
-        rows: The samples (N, k). No signal moves within a step, but may jump at its
-            beginning.
-    """
-    last = np.append(np.inf, times[:-1])
-    is_later = times > last + np.maximum(SAME, SAME_SHARE * np.abs(times))
-    is_step = is_later & np.isfinite(rows).all(axis=1)
-    jumps = is_step & np.append(False, (rows[1:] != rows[:-1]).any(axis=1))
-    # A step has a row at its beginning, if there is a jump, three inside, and the end.
-    counts = 1 + len(INSIDE) * is_step + jumps
-    ends = np.cumsum(counts) - 1
-    sources = np.repeat(np.arange(len(times)), counts)
-    before_end = ends[sources] - np.arange(len(sources))
-    share = np.array([0.0, *INSIDE[::-1], 0.0])[before_end]
-    begin = np.where(before_end > 0, last[sources], times[sources])
-    length = np.where(before_end > 0, times[sources] - begin, 0.0)
-    return begin + share * length, rows[sources], ends[is_step]
-
-
-def _AreFinite(values: Array) -> bool:
-    return math.isfinite(math.hypot(*values.tolist()))
-
-
-def _Joined(values: list[Array]) -> Array:
-    if len(values) == 1:
-        return values[0]
-    return np.concatenate(values) if values else _NOTHING
+        Args:
+            degree: The degree of the polynomials of steps.
+        """
+        if self._following:
+            return self._following.Rows()
+        times = np.array(self._times)
+        samples = np.frombuffer(b"".join(self._samples))
+        samples = samples.reshape(len(times), sum(self._sizes))
+        last = np.append(np.inf, times[:-1])
+        is_later = times > last + np.maximum(SAME, SAME_SHARE * np.abs(times))
+        is_step = is_later & np.isfinite(samples).all(axis=1)
+        jumps = is_step & np.append(False, (samples[1:] != samples[:-1]).any(axis=1))
+        # A step has a row at its beginning if there is a jump, those inside, and the
+        # one at its end.
+        counts = 1 + (degree - 1) * is_step + jumps
+        ends = np.cumsum(counts) - 1
+        sources = np.repeat(np.arange(len(times)), counts)
+        before_end = ends[sources] - np.arange(len(sources))
+        share = 1.0 - before_end / degree
+        begin = np.where(before_end > 0, last[sources], times[sources])
+        rows_at = begin + share * (times[sources] - begin)
+        return rows_at, samples[sources], ends[is_step]

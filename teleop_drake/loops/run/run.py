@@ -36,8 +36,8 @@ class NormBound(NamedTuple):
 
     Attributes:
         signal: The name of the signal; None: all recorded signals together.
-        largest: The largest norm, in the unit of the signal. A norm that is not finite
-            exceeds any bound.
+        largest: The largest norm, in the unit of the signal. A norm of NaN exceeds any
+            bound, also infinity.
         Reason: A function that returns the reason for the end from the norm.
     """
 
