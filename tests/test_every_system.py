@@ -17,14 +17,18 @@ from drake_systems import (
     FindSystems,
     MakeBeside,
 )
-from numpy.testing import assert_allclose
-from pydrake.systems.framework import DiagramBuilder, System
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, PortDataType, System
 
 from teleop_drake import LinearizePorts, WritePage
 from teleop_drake.loops.draw.block_diagram import DiagramDot, RenderSvg
+from teleop_drake.loops.framework.signals import IsPlant, VectorOutputs
 from teleop_drake.loops.framework.solver import DefaultSimulator
+from teleop_drake.loops.framework.wiring import InputPorts
 from teleop_drake.loops.page.levels import Levels
 from teleop_drake.loops.page.model import MakeModel
+from teleop_drake.loops.run.readings import Readings
 from teleop_drake.model.scenario import ScenarioError
 
 # Systems with continuous states that depend on samples, and why they are refused.
@@ -56,6 +60,32 @@ def test_the_tables_name_every_class_of_pydrake():
     assert {name for name in classes if name.endswith("Geometry")} - NOT_MADE == {
         name for name in VISUALIZERS if name.endswith("Geometry")
     }
+
+
+@pytest.mark.mostly_slow
+@pytest.mark.parametrize("name", FindSystems())
+def test_every_output_keeps_its_place_in_memory(name):
+    """A run in Drake's Simulator copies the values from there."""
+    diagram = MakeBeside(MAKERS[name])
+    system = diagram.GetSubsystemByName(name)
+    kinds = [port.get_data_type() for port in InputPorts(system)]
+    if PortDataType.kAbstractValued in kinds and not IsPlant(system):
+        pytest.skip("it cannot be evaluated with a value that means nothing")
+    simulator = Simulator(diagram)
+    root = simulator.get_context()
+    ports = [port for port in VectorOutputs(system) if port.size()]
+    readings = Readings(ports, root)
+    try:
+        simulator.AdvanceTo(0.01)
+        readings.Read()
+    except (RuntimeError, SystemExit) as error:
+        pytest.skip(f"it cannot be evaluated by itself: {error}")
+    for time in (0.01, 0.2, 0.35):
+        simulator.AdvanceTo(time)
+        found = np.frombuffer(readings.Read())
+        own = system.GetMyContextFromRoot(root)
+        values = [np.empty(0), *(port.Eval(own) for port in ports)]
+        assert_array_equal(found, np.concatenate(values))
 
 
 @pytest.mark.mostly_slow

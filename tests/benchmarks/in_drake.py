@@ -2,8 +2,8 @@
 
 The Simulator has the same settings, and a VectorLogSink for each signal that simulate()
 records: it takes a sample at each step or, with a publish period, at its multiples. A
-sink is C++, and stores nothing within a step, where simulate() records what a signal
-that moves does between its rows.
+sink is C++, and stores nothing within a step. There, simulate() has rows of its own of
+signals that move: three in each step, and more where one bends.
 
     python tests/benchmarks/run.py --only in_drake
 """
@@ -25,10 +25,12 @@ from pydrake.systems.primitives import (
     Integrator,
     LinearSystem,
     LogVectorOutput,
+    MatrixGain,
     Sine,
+    ZeroOrderHold,
 )
 
-from teleop_drake.loops import simulate
+from teleop_drake.loops import Recording, simulate
 from teleop_drake.loops.framework.signals import SignalsOf
 
 CONFIG = SimulatorConfig()
@@ -87,9 +89,11 @@ def Python(builder: DiagramBuilder, *, has_callback: bool) -> None:
     builder.Connect(source.get_output_port(), counter.get_input_port())
 
 
-def Arm(builder: DiagramBuilder, *, has_scene: bool) -> None:
-    """Two joints and steps of a millisecond."""
-    plant = builder.AddNamedSystem("plant", MultibodyPlant(0.001))
+def Arm(
+    builder: DiagramBuilder, *, has_scene: bool = False, time_step: float = 0.001
+) -> MultibodyPlant:
+    """Two joints."""
+    plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
     if has_scene:
         scene = builder.AddNamedSystem("scene", SceneGraph())
         plant.RegisterAsSourceForSceneGraph(scene)
@@ -102,16 +106,39 @@ def Arm(builder: DiagramBuilder, *, has_scene: bool) -> None:
         builder.Connect(
             scene.get_query_output_port(), plant.get_geometry_query_input_port()
         )
+    return plant
+
+
+def DrivenArm(builder: DiagramBuilder) -> None:
+    """Two joints with torques that are functions of time."""
+    plant = Arm(builder)
+    torque = builder.AddNamedSystem("torque", Sine(0.1, 2.0, 0.0, 2))
+    target = plant.get_applied_generalized_force_input_port()
+    builder.Connect(torque.get_output_port(0), target)
+
+
+def Sampled(builder: DiagramBuilder) -> None:
+    """A pendulum with a regulator that samples its state each millisecond."""
+    pendulum = builder.AddNamedSystem("pendulum", PendulumPlant())
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.001, 2))
+    gain = builder.AddNamedSystem("gain", MatrixGain([[-5.0, -1.0]]))
+    builder.Connect(pendulum.get_output_port(), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), pendulum.get_input_port())
 
 
 # What adds each system, the signals (None: those that simulate() records), and seconds.
 SYSTEMS: dict[str, tuple] = {
     "continuous": (Continuous, None, 20.0),
+    "continuous, its state": (Continuous, ["pendulum.state"], 20.0),
+    "continuous arm": (partial(Arm, time_step=0.0), None, 20.0),
+    "sampled": (Sampled, None, 2.0),
     "discrete": (Discrete, None, 2.0),
     "in Python": (partial(Python, has_callback=False), None, 2.0),
     "in Python, with a callback": (partial(Python, has_callback=True), None, 2.0),
-    "arm": (partial(Arm, has_scene=False), None, 2.0),
-    "arm, its state": (partial(Arm, has_scene=False), ["plant.state"], 2.0),
+    "arm": (Arm, None, 2.0),
+    "arm, its state": (Arm, ["plant.state"], 2.0),
+    "arm, driven": (DrivenArm, None, 2.0),
     "arm in a scene": (partial(Arm, has_scene=True), None, 2.0),
     "arm in a scene, its state": (partial(Arm, has_scene=True), ["plant.state"], 2.0),
 }
@@ -143,6 +170,8 @@ def Measure(options: Options) -> list[Table]:
             )
             taken = {x: each.cpu / counts[x] for x, each in measured.items()}
             rows_of = "step" if period is None else f"{PERIOD:g} s"
+            if period is None:
+                row["rows in a step"] = _RowsInAStep(contenders["simulate"]())
             row[f"a row each {rows_of}"] = taken["simulate"] / taken["Simulator"]
             row[f"logs, ms, each {rows_of}"] = 1e3 * taken["Simulator"]
         row["without logs, ms"] = 1e3 * taken["alone"]
@@ -152,6 +181,10 @@ def Measure(options: Options) -> list[Table]:
         "alternating runs."
     )
     return [Table(title="Recording in Drake against logs", note=note, rows=rows)]
+
+
+def _RowsInAStep(recording: Recording) -> float:
+    return len(recording.time) / len(np.unique(recording.time[recording.steps[:, -1]]))
 
 
 def _Built(

@@ -230,7 +230,9 @@ def CheckNumber(
     """
     if value is None and may_be_null:
         return
-    is_finite = isinstance(value, SupportsFloat) and math.isfinite(value)
+    # The first two are quick to tell.
+    is_number = isinstance(value, float | int | SupportsFloat)
+    is_finite = is_number and math.isfinite(value)
     if not is_finite or value <= above or not minimum <= value <= maximum:
         bounds = ((">", above), (">=", minimum), ("<=", maximum))
         shown = " and ".join(f"{sign} {x:g}" for sign, x in bounds if math.isfinite(x))

@@ -150,8 +150,9 @@ def part(series: Series, begin: float, end: float) -> Series:
 def thinned(series: Series, period: float) -> Series:
     """Returns the rows of a series at multiples of a period after its first instant.
 
-    The last instant is added. At a jump, a row has the values before it. Between the
-    rows the signals are straight lines.
+    The last instant is added. At a jump, a row has the values before it, as a log of
+    Drake's has; also at the first instant. Between the rows the signals are straight
+    lines.
 
     Args:
         series: Times (N,), signals (N, k) by name, steps.
@@ -162,6 +163,8 @@ def thinned(series: Series, period: float) -> Series:
     new_signals = {
         name: interpolate(times, x, steps, new_times) for name, x in signals.items()
     }
+    for name, x in signals.items():
+        new_signals[name][0] = x[0]
     return new_times, new_signals, straight_steps(new_times)
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import Value
-from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.analysis import Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
     Adder,
@@ -12,6 +13,7 @@ from pydrake.systems.primitives import (
     Gain,
     Integrator,
     LinearSystem,
+    LogVectorOutput,
     Multiplexer,
     Saturation,
     Sine,
@@ -132,8 +134,34 @@ def test_a_publish_period_gives_the_rows_that_all_rows_would():
         expected = np.r_[0.05 * np.arange(21), 1.03]
         np.testing.assert_allclose(few.time, expected, atol=1e-12)
         same = all_rows.Interpolate(name, few.time)
+        same[0] = all_rows[name][0]  # Before an event at the start, as in a log.
         np.testing.assert_array_equal(few[name], same)
         assert few.final_context.get_time() == all_rows.final_context.get_time()
+
+
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_a_publish_period_gives_the_rows_of_drakes_log(engine):
+    """The first one, and those at events, have the values before an event."""
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([4.0]))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(PERIOD, 1))
+    sums = LinearSystem(A=[[1.0]], B=[[1.0]], C=[[1.0]], time_period=PERIOD)
+    builder.AddNamedSystem("sums", sums)
+    for block in (hold, sums):
+        builder.Connect(source.get_output_port(), block.get_input_port())
+    logs = {
+        "hold.y": LogVectorOutput(hold.get_output_port(), builder, 0.05),
+        "sums.y0": LogVectorOutput(sums.get_output_port(), builder, 0.05),
+    }
+    diagram = builder.Build()
+    options = {"signals": list(logs), "publish_period": 0.05, "engine": engine}
+    recording = simulate(diagram, duration=1.0, **options)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(1.0)
+    for name, log in logs.items():
+        expected = log.FindLog(simulator.get_context())
+        assert_allclose(recording.time, expected.sample_times(), atol=1e-12)
+        assert_allclose(recording[name], expected.data().T, atol=1e-12, err_msg=name)
 
 
 def sampled_loop(*, has_kinks):
@@ -240,3 +268,145 @@ def test_a_sum_with_a_hold_that_is_not_recorded_is_right():
     expected = times + PERIOD * np.floor(times / PERIOD)
     found = recording.Interpolate("y", times)[:, 0]
     np.testing.assert_allclose(found, expected, atol=2e-4)
+
+
+def test_a_publish_period_evaluates_no_output_between_the_rows():
+    counter = Counter()
+    options = {"simulator": SimulatorConfig(), "engine": "drake"}
+    recording = simulate(counted(counter), duration=10.0, publish_period=2.5, **options)
+    assert_array_equal(recording["counter.y"][:, 0], [0, 24, 49, 74, 99])
+    assert_array_equal(recording["gain.y0"], 3 * recording["counter.y"])
+    # Each sample evaluates the count once before and once after an event.
+    assert counter.num_calls <= 2 * 5
+
+
+def test_a_signal_that_moves_takes_no_other_one_along():
+    """Beside a sine, a count is evaluated within a step as rarely as without it."""
+    counter = Counter()
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("sine", Sine(2.0, 6.0, 0.0, 1))
+    builder.AddNamedSystem("counter", counter)
+    options = {"simulator": SimulatorConfig(), "engine": "drake"}
+    recording = simulate(builder.Build(), duration=9.95, **options)
+    times = np.linspace(0.0, 9.95, 777)
+    found = recording.Interpolate("sine.y0", times)[:, 0]
+    assert_allclose(found, 2 * np.sin(6 * times), atol=2e-4)
+    found = recording.Interpolate("counter.y", times)[:, 0]
+    assert_allclose(found, np.floor(times * 10 + 1e-9), atol=1e-12)
+    assert counter.num_calls < 3 * 100 + 5 * 8
+    assert recording.notes[1:] == []
+
+
+@pytest.mark.parametrize("start", [0.0, 4.03])
+def test_a_signal_is_followed_from_the_step_on_in_which_it_moves(start):
+    """y is the count before `start`, then grows by 1 each second, without a note."""
+
+    def ramp(count, time):
+        return count if time < start else start * 10 // 1 + time - start
+
+    options = {"simulator": SimulatorConfig(), "engine": "drake"}
+    recording = simulate(Counter(ramp), duration=9.95, **options)
+    times = np.linspace(0.0, 9.95, 1234)
+    expected = [ramp(np.floor(t * 10 + 1e-9), t) for t in times]
+    found = recording.Interpolate("y", times)[:, 0]
+    assert_allclose(found, expected, atol=2e-3)
+    assert recording.notes[1:] == []
+
+
+class Product(LeafSystem):
+    """The product of two inputs, in Python."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.num_calls = 0
+        self.DeclareVectorInputPort("a", 1)
+        self.DeclareVectorInputPort("b", 1)
+        self.DeclareVectorOutputPort("y", 1, self.CalcOutput)
+
+    def CalcOutput(self, context, output):
+        a, b = (self.get_input_port(i).Eval(context)[0] for i in (0, 1))
+        output.SetFromVector([a * b])
+
+
+def test_each_step_has_the_discrete_states_of_its_own():
+    """The product of t and of a sample of it each 0.1 s, over some hundred samples."""
+    builder = DiagramBuilder()
+    rate = builder.AddSystem(ConstantVectorSource([1.0]))
+    x = builder.AddSystem(Integrator(1))
+    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 1))
+    product = builder.AddSystem(Product())
+    for source, target in [
+        (rate, x.get_input_port()),
+        (x, hold.get_input_port()),
+        (x, product.get_input_port(0)),
+        (hold, product.get_input_port(1)),
+    ]:
+        builder.Connect(source.get_output_port(), target)
+    builder.ExportOutput(product.get_output_port(), "y")
+    recording = simulate(builder.Build(), duration=40.0, engine="drake")
+    times = np.arange(0.0137, 40.0, 0.0314)
+    expected = times * PERIOD * np.floor(times / PERIOD)
+    assert_allclose(recording.Interpolate("y", times)[:, 0], expected, atol=1e-9)
+    assert recording.notes[1:] == []
+
+
+@pytest.mark.parametrize("period", [None, 0.5])
+def test_a_held_signal_that_is_no_number_ends_the_run(period):
+    """x[k + 1] = -2 x[k]^1.5 has no value from 0.2 s on."""
+
+    class Undefined(LeafSystem):
+        def __init__(self):
+            LeafSystem.__init__(self)
+            state = self.DeclareDiscreteState([1.0])
+            self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self.Update)
+            self.DeclareStateOutputPort("y", state)
+
+        def Update(self, context, state):
+            x = context.get_discrete_state_vector().value()
+            with np.errstate(invalid="ignore"):
+                state.set_value(0, -2 * x**1.5)
+
+    recording = simulate(
+        Undefined(), duration=50.0, engine="drake", publish_period=period
+    )
+    assert recording.termination == "diverged"
+    assert recording.reason == "a signal is not finite"
+    assert np.isfinite(recording["y"]).all()
+    assert recording.time[-1] == pytest.approx(0.0 if period else 0.2, abs=1e-9)
+
+
+def test_a_signal_that_fails_within_a_step_ends_the_run_with_its_error():
+    """As late as the steps are followed; the run itself needs no value of y."""
+
+    class Failing(Product):
+        def CalcOutput(self, context, output):
+            if 0.4321 < context.get_time() < 0.4329:
+                raise LookupError("no value is known here")
+            output.SetFromVector([context.get_time()])
+
+    builder = DiagramBuilder()
+    x = builder.AddSystem(Integrator([1.0]))
+    minus = builder.AddSystem(Gain(-1.0, 1))
+    failing = builder.AddSystem(Failing())
+    builder.Connect(x.get_output_port(), minus.get_input_port())
+    for port in (x.get_input_port(), *map(failing.get_input_port, (0, 1))):
+        builder.Connect(minus.get_output_port(), port)
+    builder.ExportOutput(failing.get_output_port(), "y")
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=0.0032, use_error_control=False
+    )
+    with pytest.raises(LookupError, match="no value is known here"):
+        simulate(builder.Build(), duration=1.0, engine="drake", simulator=config)
+
+
+def test_rows_of_held_signals_are_at_the_ends_of_steps():
+    hold = ZeroOrderHold(PERIOD, 1)
+    context = hold.CreateDefaultContext()
+    hold.get_input_port().FixValue(context, [4.0])
+    recording = simulate(
+        hold, context=context, duration=0.45, engine="drake", simulator=None
+    )
+    # The first sample is taken at 0, where the step to 0.1 begins with a jump.
+    assert_allclose(recording.time, [0, 0, 0.1, 0.2, 0.3, 0.4, 0.45], atol=1e-12)
+    assert_array_equal(recording["y"][:, 0], [0, 4, 4, 4, 4, 4, 4])
+    assert recording.steps.shape == (5, 2)
