@@ -112,6 +112,8 @@ class Motion:
         self._may_be_affine = (
             system.num_continuous_states() > 0 and system.num_abstract_states() == 0
         )
+        self._sources: dict[OutputPort, Source] = {}
+        self._is_fed: dict[Source, bool] = {}
         self._out_of_date: dict[Source, bool] = {}
         self._affine: dict[Source, bool] = {}
         is_timeless = [*map(self._IsTimeless, range(len(self._blocks)))]
@@ -164,11 +166,17 @@ class Motion:
         Those of affine blocks are computed from all inputs, if from any.
         """
         block = self._blocks[source.block]
-        index = int(block.system.GetOutputPort(source.port).get_index())
-        is_known = _IsOneOf(_AFFINE, block.system)
-        if is_known and block.system.HasDirectFeedthrough(index):
-            return block.inputs.values()
-        return ()
+        if not _IsOneOf(_AFFINE, block.system) or not self._IsFed(source):
+            return ()
+        return block.inputs.values()
+
+    def _IsFed(self, source: Source) -> bool:
+        """Returns whether an output depends on an input at the same instant."""
+        if source not in self._is_fed:
+            system = self._blocks[source.block].system
+            index = int(system.GetOutputPort(source.port).get_index())
+            self._is_fed[source] = system.HasDirectFeedthrough(index)
+        return self._is_fed[source]
 
     def _ContextsOfBlocks(self, root_context: Context) -> list[Context]:
         """Returns the Contexts of the blocks in a Context of the System."""
@@ -176,7 +184,10 @@ class Motion:
         return [contexts[block.system] for block in self._blocks]
 
     def _SourceOf(self, port: OutputPort) -> Source:
-        return OutputOf(self._blocks, port.get_system(), int(port.get_index()))
+        if port not in self._sources:
+            index = int(port.get_index())
+            self._sources[port] = OutputOf(self._blocks, port.get_system(), index)
+        return self._sources[port]
 
     def _Moves(self, source: Source) -> bool:
         return source.block in self._reached and self._IsOutOfDate(source)
@@ -204,22 +215,24 @@ class Motion:
         if not self._Moves(source):
             return True
         block = self._blocks[source.block]
-        port = block.system.GetOutputPort(source.port)
         if not _IsOneOf(_AFFINE, block.system):
-            return self._IsOfState(port, self._contexts[source.block])
-        is_fed = block.system.HasDirectFeedthrough(int(port.get_index()))
-        return not is_fed or all(map(self._IsAffine, block.inputs.values()))
+            return self._IsOfState(source)
+        return not self._IsFed(source) or all(
+            map(self._IsAffine, block.inputs.values())
+        )
 
-    def _IsOfState(self, port: OutputPort, context: Context) -> bool:
+    def _IsOfState(self, source: Source) -> bool:
         """Returns whether an output of a block of Drake's consists of its states.
 
         Those whose names say so are compared with the state at two random points.
         """
-        system = port.get_system()
-        if not (IsOfDrake(system) and port.get_name().endswith("state")):
+        system = self._blocks[source.block].system
+        if not (IsOfDrake(system) and source.port.endswith("state")):
             return False
-        if system.HasDirectFeedthrough(int(port.get_index())):
+        if self._IsFed(source):
             return False
+        port = system.GetOutputPort(source.port)
+        context = self._contexts[source.block]
         random = np.random.default_rng(1)
         size = self.context.num_continuous_states()
         for scale in (1.0, 1e3):
