@@ -233,12 +233,18 @@ class Following:
         if self._changes_unseen:
             self._context.SetTimeStateAndParametersFrom(self._root_context)
             self._held_inside = held
-            self.CatchUp()
+            self._CatchUp()
         elif len(self._waiting) == _MOST_WAITING:
             self.CatchUp()
 
     def CatchUp(self) -> None:
         """Records the steps that wait for the rows within them."""
+        # Others use the Context, too.
+        self._held_inside = b""
+        self._CatchUp()
+
+    def _CatchUp(self) -> None:
+        """Records the steps that wait; the Context has the states of the first one."""
         ends = self._waiting
         if not ends:
             return

@@ -410,3 +410,30 @@ def test_rows_of_held_signals_are_at_the_ends_of_steps():
     assert_allclose(recording.time, [0, 0, 0.1, 0.2, 0.3, 0.4, 0.45], atol=1e-12)
     assert_array_equal(recording["y"][:, 0], [0, 4, 4, 4, 4, 4, 4])
     assert recording.steps.shape == (5, 2)
+
+
+class Seven(LeafSystem):
+    """A constant in Python, which may depend on time for all that Drake knows."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorOutputPort("y", 1, lambda _, y: y.SetFromVector([7.0]))
+
+
+def test_a_look_at_one_signal_leaves_the_states_of_another_one():
+    """sin(6 t) times a sample each 10 s, beside a constant that is looked at."""
+    builder = DiagramBuilder()
+    sine = builder.AddSystem(Sine(1.0, 6.0, 0.0, 1))
+    source = builder.AddSystem(Sine(1.0, 0.2, 0.0, 1))
+    hold = builder.AddSystem(ZeroOrderHold(10.0, 1))
+    product = builder.AddNamedSystem("product", Product())
+    builder.AddNamedSystem("seven", Seven())
+    builder.Connect(source.get_output_port(0), hold.get_input_port())
+    builder.Connect(sine.get_output_port(0), product.get_input_port(0))
+    builder.Connect(hold.get_output_port(), product.get_input_port(1))
+    names = ["product.y", "seven.y"]
+    recording = simulate(builder.Build(), duration=38.0, engine="drake", signals=names)
+    times = np.arange(0.0137, 38.0, 0.0314)
+    expected = np.sin(6 * times) * np.sin(2 * np.floor(times / 10))
+    found = recording.Interpolate("product.y", times)[:, 0]
+    assert_allclose(found, expected, atol=2e-4)
