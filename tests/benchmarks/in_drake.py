@@ -25,7 +25,6 @@ from pydrake.systems.primitives import (
     Integrator,
     LinearSystem,
     LogVectorOutput,
-    MatrixGain,
     Sine,
     ZeroOrderHold,
 )
@@ -118,13 +117,13 @@ def DrivenArm(builder: DiagramBuilder) -> None:
 
 
 def Sampled(builder: DiagramBuilder) -> None:
-    """A pendulum with a regulator that samples its state each millisecond."""
-    pendulum = builder.AddNamedSystem("pendulum", PendulumPlant())
-    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.001, 2))
-    gain = builder.AddNamedSystem("gain", MatrixGain([[-5.0, -1.0]]))
-    builder.Connect(pendulum.get_output_port(), hold.get_input_port())
+    """An integrator with a regulator that samples it each millisecond."""
+    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.001, 1))
+    gain = builder.AddNamedSystem("gain", Gain(-5.0, 1))
+    builder.Connect(plant.get_output_port(), hold.get_input_port())
     builder.Connect(hold.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), pendulum.get_input_port())
+    builder.Connect(gain.get_output_port(), plant.get_input_port())
 
 
 # What adds each system, the signals (None: those that simulate() records), and seconds.

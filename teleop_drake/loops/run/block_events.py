@@ -15,6 +15,7 @@ from teleop_drake.loops.engine.flatten import Flatten
 from teleop_drake.loops.engine.run import CompiledRun
 from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
+from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.kernel.delay_line import DelayLine
 from teleop_drake.loops.numerics.instants import same_within
 from teleop_drake.loops.numerics.pieces import Pieces
@@ -22,6 +23,9 @@ from teleop_drake.loops.numerics.step_polynomials import Series
 from teleop_drake.loops.run.bends import Kinked
 from teleop_drake.loops.run.recording import Event
 from teleop_drake.loops.run.run import Job, Outcome
+
+# The attributes of blocks that are watched.
+_WATCHED = ("has_guards", "Surfaces", "delays")
 
 # The input of a block with surfaces that has the position of what meets them.
 _POSITION = "tool_position"
@@ -93,6 +97,9 @@ class Watched(NamedTuple):
 
 def WatchedIn(system: System) -> Watched:
     """Returns what the events of a System's run depend on."""
+    parts = SystemsByPath(system).values()
+    if not any(hasattr(x, name) for x in parts for name in _WATCHED):
+        return Watched({}, {}, {})
     blocks = Flatten(system)
     guarded = {x.path: x.system for x in blocks if getattr(x.system, "has_guards", 0)}
     positions = {}

@@ -175,8 +175,9 @@ class Following:
         self._state = root_context.get_continuous_state_vector()
         self._EvalRates = motion.system.EvalTimeDerivatives
         # Events change abstract states unseen, and with them signals and rates.
-        has_opaque_rates = self._has_states and root_context.num_abstract_states() > 0
-        self._changes_unseen = has_opaque_rates or any(x.is_opaque for x in moving)
+        is_opaque = [x.is_opaque for x in moving]
+        self._changes_unseen = any(is_opaque) or motion.HasOpaqueRates()
+        self._jumps_unseen = self._changes_unseen and motion.JumpsUnseen()
         groups = range(root_context.num_discrete_state_groups())
         self._discrete = [MemoryOf(root_context.get_discrete_state(i)) for i in groups]
         self._held = [*self._discrete, *held]
@@ -248,12 +249,11 @@ class Following:
         ends = self._waiting
         if not ends:
             return
-        begins = [self._last, *ends[:-1]]
+        lasts = [self._last, *ends[:-1]]
         self._last = ends[-1]
         self._waiting = []
-        has_changed = [x.held != y.held for x, y in zip(begins, ends, strict=True)]
-        for i in np.flatnonzero(has_changed).tolist():
-            begins[i] = self._Again(begins[i], ends[i])
+        begins = list(map(self._Begin, lasts, ends))
+        has_begin = [x.sample != y.sample for x, y in zip(lasts, begins, strict=True)]
         held = [instant.held for instant in ends]
         steps = _Steps(_InstantsOf(begins), _InstantsOf(ends), held)
         times, evaluated = self._Within(steps, _WHOLE_STEP)
@@ -263,26 +263,28 @@ class Following:
         self.bent.update(signals.tolist())
         first = 0
         for i in sorted({*bent.tolist()}):
-            self._AppendSteps(times[first:i], rows[first:i], has_changed[first:i])
-            self._FollowPieces(steps.Only(i), has_begin=has_changed[i])
+            self._AppendSteps(times[first:i], rows[first:i], has_begin[first:i])
+            self._FollowPieces(steps.Only(i), has_begin=has_begin[i])
             first = i + 1
-        self._AppendSteps(times[first:], rows[first:], has_changed[first:])
+        self._AppendSteps(times[first:], rows[first:], has_begin[first:])
 
-    def _Again(self, begin: _Instant, end: _Instant) -> _Instant:
-        """Samples the beginning of a step again, where a block has changed something.
+    def _Begin(self, last: _Instant, end: _Instant) -> _Instant:
+        """Returns the beginning of a step, where a block may have changed something.
 
         Args:
-            begin: The end of the step before.
+            last: The end of the step before.
             end: The end of the step, which has the held signals.
         """
+        if last.held == end.held and not self._jumps_unseen:
+            return last
         self._Hold(end.held)
-        self._context.SetTimeAndContinuousState(begin.time, begin.state)
+        self._context.SetTimeAndContinuousState(last.time, last.state)
         row = np.frombuffer(end.sample).copy()
         row[self._moving_columns] = np.frombuffer(self._moving.Read())
-        rate = begin.rate
+        rate = last.rate
         if self._has_states:
             rate = self._EvalRates(self._context).CopyToVector()
-        return _Instant(begin.time, begin.state, rate, row.tobytes(), end.held)
+        return _Instant(last.time, last.state, rate, row.tobytes(), end.held)
 
     def _Hold(self, held: bytes) -> None:
         """Sets the discrete states in the Context for what is within steps."""

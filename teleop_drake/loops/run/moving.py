@@ -10,17 +10,12 @@ by Drake where these are known.
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
-from pydrake.systems.framework import (
-    CacheIndex,
-    Context,
-    LeafSystem,
-    OutputPort,
-    System,
-)
+from pydrake.systems.framework import Context, LeafOutputPort, OutputPort, System
 
 from teleop_drake.loops.engine.flatten import Flatten, OutputOf, Reached, Source
 from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.signals import IsOfDrake
+from teleop_drake.loops.kernel import KernelBlock
 from teleop_drake.loops.run.readings import Readings
 
 # Classes of Drake whose outputs depend on time only by way of inputs and states.
@@ -108,10 +103,6 @@ class Motion:
             for i in range(system.num_abstract_states()):
                 other.get_mutable_abstract_state(i)
             self._with_new_abstract_states = self._ContextsOfBlocks(other)
-        # Events change abstract states unseen, and with them what an output adds.
-        self._may_be_affine = (
-            system.num_continuous_states() > 0 and system.num_abstract_states() == 0
-        )
         self._sources: dict[OutputPort, Source] = {}
         self._is_fed: dict[Source, bool] = {}
         self._out_of_date: dict[Source, bool] = {}
@@ -132,18 +123,36 @@ class Motion:
 
     def DependsOnAbstract(self, port: OutputPort) -> bool:
         """Returns whether an output may depend on abstract states."""
-        if not self.system.num_abstract_states():
-            return False
-        source = self._SourceOf(port)
-        context = self._with_new_abstract_states[source.block]
-        return _IsOutOfDate(self._blocks[source.block].system, source.port, context)
+        return self._IsOpaque(self._SourceOf(port))
+
+    def JumpsUnseen(self) -> bool:
+        """Returns whether an event may change an abstract state between two samples.
+
+        Blocks of this package announce what makes their outputs jump, and samples are
+        taken on both sides.
+        """
+        return any(
+            context.num_abstract_states() and not isinstance(block.system, KernelBlock)
+            for block, context in zip(self._blocks, self._contexts, strict=True)
+        )
+
+    def HasOpaqueRates(self) -> bool:
+        """Returns whether continuous states may change with abstract ones."""
+        return any(
+            context.num_abstract_states()
+            or any(map(self._IsOpaque, block.inputs.values()))
+            for block, context in zip(self._blocks, self._contexts, strict=True)
+            if context.num_continuous_states()
+        )
 
     def IsAffine(self, port: OutputPort) -> bool:
         """Returns whether an output is affine in the continuous state within a step.
 
         What it adds to the share of the state changes where a step begins only.
         """
-        return self._may_be_affine and self._IsAffine(self._SourceOf(port))
+        if not self.system.num_continuous_states() or self.DependsOnAbstract(port):
+            return False
+        return self._IsAffine(self._SourceOf(port))
 
     def ReadingsOf(self, ports: Sequence[OutputPort]) -> Readings:
         """Returns what reads some outputs in the Context for what is within steps."""
@@ -177,6 +186,12 @@ class Motion:
             index = int(system.GetOutputPort(source.port).get_index())
             self._is_fed[source] = system.HasDirectFeedthrough(index)
         return self._is_fed[source]
+
+    def _IsOpaque(self, source: Source) -> bool:
+        if not self.system.num_abstract_states():
+            return False
+        context = self._with_new_abstract_states[source.block]
+        return _IsOutOfDate(self._blocks[source.block].system, source.port, context)
 
     def _ContextsOfBlocks(self, root_context: Context) -> list[Context]:
         """Returns the Contexts of the blocks in a Context of the System."""
@@ -257,13 +272,8 @@ def _IsOutOfDate(system: System, port: str, context: Context) -> bool:
         port: The name of its output, which has been evaluated in the Context before.
         context: The Context of the block.
     """
-    if not isinstance(system, LeafSystem):
+    output = system.GetOutputPort(port)
+    if not isinstance(output, LeafOutputPort):
         return True  # Some Diagrams of Drake's are known as Systems only.
-    index = int(system.GetOutputPort(port).get_index())
-    # Drake names the cache entry of each output of a leaf in this way.
-    name = f"output port {index}({port}) cache"
-    i = 0
-    while system.get_cache_entry(CacheIndex(i)).description() != name:
-        i += 1
-    entry = system.get_cache_entry(CacheIndex(i))
+    entry = output.cache_entry()
     return bool(entry.is_cache_entry_disabled(context) or entry.is_out_of_date(context))

@@ -1,12 +1,14 @@
 """The sampler of a run in Drake's Simulator."""
 
 import math
+from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import cycle, pairwise
 
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 
+from teleop_drake.loops.framework.arrays import Flags
 from teleop_drake.loops.numerics.instants import SAME, SAME_SHARE, same_within
 from teleop_drake.loops.numerics.step_polynomials import DEGREE, Series
 from teleop_drake.loops.run.bends import CHECKED, INSIDE
@@ -16,7 +18,7 @@ from teleop_drake.loops.run.readings import Readings
 from teleop_drake.loops.run.run import Interruption
 
 # Samples of held signals are checked after so many.
-_SAMPLES_PER_CHECK = 128
+_SAMPLES_PER_CHECK = 256
 
 # The instants at which the first steps are looked at, as shares of their lengths, and
 # the number of these steps.
@@ -82,7 +84,7 @@ class Recorder:
         self._looks = not is_coarse
         self._num_looks = 0
         # The ends of steps in which no signal moves.
-        self._times: list[float] = []
+        self._times = array("d")
         self._samples: list[bytes] = []
         self._bent: set[int] = set()
         self._unresolved: set[int] = set()
@@ -293,8 +295,8 @@ class Recorder:
         samples = samples.reshape(len(times), sum(self._sizes))
         last = np.append(np.inf, times[:-1])
         is_later = times > last + np.maximum(SAME, SAME_SHARE * np.abs(times))
-        is_step = is_later & np.isfinite(samples).all(axis=1)
-        jumps = is_step & np.append(False, (samples[1:] != samples[:-1]).any(axis=1))
+        is_step = is_later & ~_AnyInRow(~np.isfinite(samples))
+        jumps = is_step & np.append(False, _AnyInRow(samples[1:] != samples[:-1]))
         # A step has a row at its beginning if there is a jump, those inside, and the
         # one at its end.
         counts = 1 + (degree - 1) * is_step + jumps
@@ -304,4 +306,9 @@ class Recorder:
         share = 1.0 - before_end / degree
         begin = np.where(before_end > 0, last[sources], times[sources])
         rows_at = begin + share * (times[sources] - begin)
-        return rows_at, samples[sources], ends[is_step]
+        return rows_at, samples.take(sources, axis=0), ends[is_step]
+
+
+def _AnyInRow(values: Flags) -> Flags:
+    """Returns np.any(values, axis=1), which takes ten times as long in short rows."""
+    return values @ np.ones(values.shape[1], dtype=bool)

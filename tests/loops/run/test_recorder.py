@@ -437,3 +437,50 @@ def test_a_look_at_one_signal_leaves_the_states_of_another_one():
     expected = np.sin(6 * times) * np.sin(2 * np.floor(times / 10))
     found = recording.Interpolate("product.y", times)[:, 0]
     assert_allclose(found, expected, atol=2e-4)
+
+
+class Since(LeafSystem):
+    """The time since the last sample, which an abstract state has."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareAbstractState(Value[object](0.0))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(PERIOD, 0.0, self.Store)
+        self.DeclareVectorOutputPort("y", 1, self.CalcOutput)
+
+    def Store(self, context, state):
+        state.get_mutable_abstract_state(0).set_value(context.get_time())
+
+    def CalcOutput(self, context, output):
+        since = context.get_time() - context.get_abstract_state(0).get_value()
+        output.SetFromVector([since])
+
+
+def test_a_jump_by_an_abstract_state_is_at_the_beginning_of_a_step():
+    """y is t less the last multiple of 0.1 s, with five rows in each step."""
+    recording = simulate(
+        Since(), duration=5.0, engine="drake", simulator=SimulatorConfig()
+    )
+    times = np.arange(0.0137, 5.0, 0.0314)
+    found = recording.Interpolate("y", times)[:, 0]
+    assert_allclose(found, times % PERIOD, atol=1e-12)
+    assert len(recording.time) <= 1 + 5 * 50
+    assert recording.notes[1:] == []
+
+
+def test_a_rate_that_depends_on_an_abstract_state_is_right_behind_its_jump():
+    """x' is a sample of t each 0.1 s."""
+    builder = DiagramBuilder()
+    clock = builder.AddSystem(Integrator(1))
+    rate = builder.AddSystem(ConstantVectorSource([1.0]))
+    hold = builder.AddSystem(Opaque())
+    x = builder.AddSystem(Integrator(1))
+    builder.Connect(rate.get_output_port(), clock.get_input_port())
+    builder.Connect(clock.get_output_port(), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), x.get_input_port())
+    builder.ExportOutput(x.get_output_port(), "x")
+    recording = simulate(builder.Build(), duration=2.0, engine="drake")
+    times = np.arange(0.0137, 2.0, 0.0314)
+    k = np.floor(times / PERIOD)
+    expected = PERIOD**2 * k * (k - 1) / 2 + PERIOD * k * (times - PERIOD * k)
+    assert_allclose(recording.Interpolate("x", times)[:, 0], expected, atol=1e-9)
