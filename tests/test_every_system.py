@@ -62,7 +62,7 @@ def test_the_tables_name_every_class_of_pydrake():
     }
 
 
-@pytest.mark.mostly_slow
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FindSystems())
 def test_every_output_keeps_its_place_in_memory(name):
     """A run in Drake's Simulator copies the values from there."""
