@@ -165,6 +165,7 @@ def thinned(series: Series, period: float) -> Series:
     }
     for name, x in signals.items():
         new_signals[name][0] = x[0]
+        new_signals[name][-1] = x[-1]
     return new_times, new_signals, straight_steps(new_times)
 
 

@@ -14,6 +14,7 @@ from pydrake.systems.analysis import (
 )
 from pydrake.systems.framework import Context, EventStatus
 
+from teleop_drake.loops.framework.arrays import Array
 from teleop_drake.loops.framework.contexts import ContextsIn
 from teleop_drake.loops.framework.signals import SystemsByPath
 from teleop_drake.loops.framework.solver import EVENT_ACCURACY
@@ -175,18 +176,16 @@ class _DrakeRun:
         self.due: list[Event] = []
         ports = self.watched.positions | self.watched.sent
         hidden = {_HIDDEN + name: port for name, port in ports.items()}
-        # Rows that are far apart need no steps if none are taken for the states.
-        self._is_coarse = (
-            job.publish_period is not None
-            and job.bound == NormBound()
-            and job.context.num_continuous_states() == 0
-            and self.watched == Watched({}, {}, {})
-        )
+        # What may end the run, and what is watched, needs all steps.
+        is_free = job.bound == NormBound() and self.watched == Watched({}, {}, {})
+        self._due: Array | None = None
+        if job.publish_period is not None and is_free:
+            self._due = times_every(job.publish_period, job.start, job.end)
         self.recorder = Recorder(
             job.diagram,
             {**job.signals, **hidden},
             simulator.get_mutable_context(),
-            is_coarse=self._is_coarse,
+            due=self._due,
         )
         self._ending: Ending | None = None
         self._complete_at = job.end - same_within(job.end)
@@ -236,7 +235,7 @@ class _DrakeRun:
         Args:
             is_ended: Whether a run has ended early, from the status of AdvanceTo().
         """
-        if not self._is_coarse:
+        if self._due is None or self._job.context.num_continuous_states():
             is_free = self._job.bound == NormBound() and not self.watched.guarded
             if self.recorder.is_held and is_free:
                 monitor = self.recorder.HeldMonitor(
@@ -247,9 +246,7 @@ class _DrakeRun:
         # Between the rows, nothing in Python looks at the run.
         self._simulator.clear_monitor()
         context = self._simulator.get_context()
-        period = self._job.publish_period
-        assert period is not None
-        for time in times_every(period, self._job.start, self._job.end)[1:].tolist():
+        for time in self._due[1:].tolist():
             status = self._simulator.AdvanceTo(time)
             if is_ended(status) or self.Monitor(context):
                 break
@@ -293,7 +290,7 @@ class _DrakeRun:
         if self.watched.guarded:
             guarded = self.watched.guarded
             self.due += GuardsDue(guarded, self._job.diagram, root_context)
-        norm = math.hypot(*self._bounded.unpack(sample))
+        norm = math.hypot(*self._bounded.unpack(sample)) if sample else 0.0
         return self._Check(self.recorder.time, norm)
 
     def _CheckHeld(self, time: float) -> EventStatus | None:

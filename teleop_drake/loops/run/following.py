@@ -199,15 +199,14 @@ class Following:
         self._first_rows = rows
         self._blocks: list[_Block] = []
         self._bends = Bends(sizes)
-        # The last recorded instant, and the ends of the steps after it.
         self._last = _Instant(math.inf, _NOTHING, _NOTHING, b"", b"")
-        self._waiting: list[_Instant] = []
+        # The ends of steps.
+        self._waiting: list[tuple[_Instant, _Instant]] = []
         if len(times):
             self._bends.See(samples)
             self._last = self._last._replace(
                 time=float(times[-1]), sample=samples[-1].tobytes()
             )
-        self._time = self._last.time
 
     def Add(self, time: float, sample: bytes) -> None:
         """Records a step, or only its end if it has no length or is not finite.
@@ -223,20 +222,31 @@ class Following:
         held = b"".join(self._held)
         instant = _Instant(time, state, rate, sample, held)
         is_finite = math.isfinite(math.hypot(*self._floats.unpack(sample)))
-        is_step = is_finite and time > self._time + same_within(time)
-        self._time = time
-        if not is_step:
+        last = self._last
+        self._last = instant
+        if not is_finite or time <= last.time + same_within(time):
             self.CatchUp()
-            self._last = instant
             self._AppendRow(time, np.frombuffer(sample))
             return
-        self._waiting.append(instant)
+        self._waiting.append((last, instant))
         if self._changes_unseen:
             self._context.SetTimeStateAndParametersFrom(self._root_context)
             self._held_inside = held
             self._CatchUp()
         elif len(self._waiting) == _MOST_WAITING:
             self.CatchUp()
+
+    def Pass(self, time: float) -> bool:
+        """Passes a step of which nobody asks for rows, given the time of its end in s.
+
+        Returns:
+            Whether the state is finite; if not, the step is to be added.
+        """
+        state = self._state.CopyToVector()
+        if not math.isfinite(math.hypot(*state.tolist())):
+            return False
+        self._last = _Instant(time, state, _NOTHING, b"", b"".join(self._held))
+        return True
 
     def CatchUp(self) -> None:
         """Records the steps that wait for the rows within them."""
@@ -246,11 +256,9 @@ class Following:
 
     def _CatchUp(self) -> None:
         """Records the steps that wait; the Context has the states of the first one."""
-        ends = self._waiting
-        if not ends:
+        if not self._waiting:
             return
-        lasts = [self._last, *ends[:-1]]
-        self._last = ends[-1]
+        lasts, ends = zip(*self._waiting, strict=True)
         self._waiting = []
         begins = list(map(self._Begin, lasts, ends))
         has_begin = [x.sample != y.sample for x, y in zip(lasts, begins, strict=True)]
@@ -272,10 +280,10 @@ class Following:
         """Returns the beginning of a step, where a block may have changed something.
 
         Args:
-            last: The end of the step before.
+            last: The end of the step before, which may have been passed.
             end: The end of the step, which has the held signals.
         """
-        if last.held == end.held and not self._jumps_unseen:
+        if last.sample and last.held == end.held and not self._jumps_unseen:
             return last
         self._Hold(end.held)
         self._context.SetTimeAndContinuousState(last.time, last.state)

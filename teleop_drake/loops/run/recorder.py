@@ -2,13 +2,14 @@
 
 import math
 from array import array
+from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import cycle, pairwise
 
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 
-from teleop_drake.loops.framework.arrays import Flags
+from teleop_drake.loops.framework.arrays import Array, Flags
 from teleop_drake.loops.numerics.instants import SAME, SAME_SHARE, same_within
 from teleop_drake.loops.numerics.step_polynomials import DEGREE, Series
 from teleop_drake.loops.run.bends import CHECKED, INSIDE
@@ -49,7 +50,7 @@ class Recorder:
         diagram: The simulated System.
         signals: The output port of each signal, by name.
         root_context: The Context of the Simulator.
-        is_coarse: Whether the samples are all that is asked for.
+        due: The instants of the rows that are asked for, s; None: all of them.
     """
 
     def __init__(
@@ -57,11 +58,12 @@ class Recorder:
         diagram: System,
         signals: Mapping[str, OutputPort],
         root_context: Context,
-        *,
-        is_coarse: bool = False,
+        due: Array | None = None,
     ):
         self.names = list(signals)
-        self.is_held = is_coarse
+        self._has_states = root_context.num_continuous_states() > 0
+        # Without continuous states, the run can stop at each of these instants.
+        self.is_held = due is not None and not self._has_states
         self.time = math.inf
         self._sizes = [port.size() for port in signals.values()]
         ends = np.cumsum([0, *self._sizes]).tolist()
@@ -81,8 +83,11 @@ class Recorder:
         self._still: list[Moving] = []
         self._inside = Readings((), root_context)
         self._at_end: list[memoryview] = []
-        self._looks = not is_coarse
+        self._looks = not self.is_held
         self._num_looks = 0
+        # The rows ahead that are asked for, and whether there is none in the last step.
+        self._due = deque(due.tolist() if due is not None and self._has_states else ())
+        self._has_passed = False
         # The ends of steps in which no signal moves.
         self._times = array("d")
         self._samples: list[bytes] = []
@@ -92,8 +97,13 @@ class Recorder:
     def Sample(self) -> bytes:
         """Samples the end of a step, and what moves within; returns the sample.
 
-        It has eight bytes for each element. The first sample is that of the start.
+        It has eight bytes for each element, or none if nobody asks for rows of the
+        step. The first sample is that of the start.
         """
+        following = self._following
+        if following is not None and self._due and self._Passes(following):
+            return b""
+        self._has_passed = False
         sample = self._readings.Read()
         begin = self.time
         time = self.time = self._root_context.get_time()
@@ -155,8 +165,24 @@ class Recorder:
 
     def CatchUp(self) -> None:
         """Records the steps that wait for the rows within them."""
-        if self._following is not None:
-            self._following.CatchUp()
+        if self._following is None:
+            return
+        if self._has_passed:
+            self._following.Add(self.time, self._readings.Read())
+        self._following.CatchUp()
+
+    def _Passes(self, following: Following) -> bool:
+        """Passes a step in which no row is asked for; returns whether it is one."""
+        time = self._root_context.get_time()
+        soon = time + same_within(time)
+        is_due = self._due[0] <= soon
+        while self._due and self._due[0] <= soon:
+            self._due.popleft()
+        if is_due or not following.Pass(time):
+            return False
+        self.time = time
+        self._has_passed = True
+        return True
 
     def _Look(self, begin: float, end: float) -> None:
         """Looks at a step for signals that move in it, and begins to follow them.
@@ -188,7 +214,7 @@ class Recorder:
         ]
         self._readings.EvaluateOnly(motion.Readers([port for _, port in self._ports]))
         self.is_held = not found
-        if found and self._root_context.num_continuous_states():
+        if found and self._has_states:
             self._Follow(motion, found)
         else:
             self._Watch(motion, found)

@@ -5,7 +5,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import Value
 from pydrake.systems.analysis import Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    PublishEvent,
+    WitnessFunctionDirection,
+)
 from pydrake.systems.primitives import (
     Adder,
     ConstantVectorSource,
@@ -484,3 +490,73 @@ def test_a_rate_that_depends_on_an_abstract_state_is_right_behind_its_jump():
     k = np.floor(times / PERIOD)
     expected = PERIOD**2 * k * (k - 1) / 2 + PERIOD * k * (times - PERIOD * k)
     assert_allclose(recording.Interpolate("x", times)[:, 0], expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("has_kinks", [False, True])
+@pytest.mark.parametrize("period", [0.013, 0.1, 0.7])
+def test_rows_that_are_far_apart_are_those_of_the_closed_form(has_kinks, period):
+    """Steps without a row are passed, in a loop with a sample each 0.1 s."""
+    diagram = sampled_loop(has_kinks=has_kinks)
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([1.0, 0.0])
+    options = {"context": context, "duration": 2.05, "engine": "drake"}
+    recording = simulate(diagram, publish_period=period, **options)
+    times = np.append(period * np.arange(int(2.05 / period) + 1), 2.05)
+    assert_allclose(recording.time, times, atol=1e-12)
+    # Values at an event are those before it.
+    x, v, u = solved(times[1:] - 1e-9).T
+    assert_allclose(recording["plant.y0"][1:], np.transpose([x, v]), atol=1e-6)
+    assert_allclose(recording["total.sum"][1:, 0], x - u, atol=1e-6)
+    if has_kinks:
+        assert_allclose(recording["limit.y0"][1:, 0], np.minimum(x, 0.3), atol=3e-4)
+    everything = simulate(diagram, **options)
+    state = everything.final_context.get_continuous_state_vector().CopyToVector()
+    final = recording.final_context
+    assert_array_equal(final.get_continuous_state_vector().CopyToVector(), state)
+    assert recording.solver.steps == everything.solver.steps
+
+
+class Stop(LeafSystem):
+    """Ends the run where x' = 1 is 1.2345, by a witness function."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        state = self.DeclareContinuousState(1)
+        self.DeclareStateOutputPort("x", state)
+        self.num_calls = 0
+        self.DeclareVectorOutputPort("y", 1, self.CalcOutput)
+        self.witness = self.MakeWitnessFunction(
+            "stop",
+            WitnessFunctionDirection.kNegativeThenNonNegative,
+            lambda context: context.get_continuous_state_vector()[0] - 1.2345,
+            PublishEvent(callback=lambda context, event: self.End()),
+        )
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        derivatives.SetFromVector([1.0])
+
+    def CalcOutput(self, context, output):
+        self.num_calls += 1
+        output.SetFromVector([context.get_time() ** 2])
+
+    def DoGetWitnessFunctions(self, context):
+        return [self.witness]
+
+    def End(self):
+        return EventStatus.ReachedTermination(self, "far enough")
+
+
+def test_the_last_row_is_where_an_event_ends_the_run():
+    system = Stop()
+    config = SimulatorConfig(max_step_size=0.001)
+    recording = simulate(
+        system, duration=5.0, publish_period=0.5, engine="drake", simulator=config
+    )
+    assert recording.termination == "terminated"
+    end = recording.time[-1]
+    assert end == pytest.approx(1.2345, abs=1e-6)
+    assert_allclose(recording.time, [0.0, 0.5, 1.0, end], atol=1e-12)
+    assert_allclose(recording["x"][:, 0], recording.time, atol=1e-9)
+    assert_allclose(recording["y"][:, 0], recording.time**2, atol=1e-9)
+    # Steps without a row need no output: they are 1230 of 1235.
+    assert system.num_calls < 100
