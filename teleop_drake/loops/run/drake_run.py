@@ -248,7 +248,7 @@ class _DrakeRun:
         context = self._simulator.get_context()
         for time in self._due[1:].tolist():
             status = self._simulator.AdvanceTo(time)
-            if is_ended(status) or self.Monitor(context):
+            if self.Monitor(context) or is_ended(status):
                 break
         return status
 

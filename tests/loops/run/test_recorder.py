@@ -492,6 +492,26 @@ def test_a_rate_that_depends_on_an_abstract_state_is_right_behind_its_jump():
     assert_allclose(recording.Interpolate("x", times)[:, 0], expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("period", [None, 0.5])
+def test_the_last_row_of_a_discrete_system_is_where_an_event_ends_the_run(period):
+    class Ending(Counter):
+        def Update(self, context, state):
+            super().Update(context, state)
+            if context.get_time() > 1.15:
+                return EventStatus.ReachedTermination(self, "counted")
+            return EventStatus.Succeeded()
+
+    recording = simulate(Ending(), duration=5.0, engine="drake", publish_period=period)
+    assert recording.termination == "terminated"
+    assert recording.reason == "counted"
+    if period:
+        assert_allclose(recording.time, [0.0, 0.5, 1.0, 1.2], atol=1e-12)
+        # Nothing looked at the step before the event; the last row is behind it.
+        assert_array_equal(recording["y"][:, 0], [0, 4, 9, 12])
+    else:
+        assert recording.time[-1] == pytest.approx(1.2, abs=1e-12)
+
+
 @pytest.mark.parametrize("has_kinks", [False, True])
 @pytest.mark.parametrize("period", [0.013, 0.1, 0.7])
 def test_rows_that_are_far_apart_are_those_of_the_closed_form(has_kinks, period):
