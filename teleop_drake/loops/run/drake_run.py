@@ -176,10 +176,11 @@ class _DrakeRun:
         self.due: list[Event] = []
         ports = self.watched.positions | self.watched.sent
         hidden = {_HIDDEN + name: port for name, port in ports.items()}
-        # What may end the run, and what is watched, needs all steps.
-        is_free = job.bound == NormBound() and self.watched == Watched({}, {}, {})
+        self._is_bounded = job.bound != NormBound()
+        # A bound and what is watched need all steps.
+        needs_all = self._is_bounded or self.watched != Watched({}, {}, {})
         self._due: Array | None = None
-        if job.publish_period is not None and is_free:
+        if job.publish_period is not None and not needs_all:
             self._due = times_every(job.publish_period, job.start, job.end)
         self.recorder = Recorder(
             job.diagram,
@@ -236,13 +237,17 @@ class _DrakeRun:
             is_ended: Whether a run has ended early, from the status of AdvanceTo().
         """
         if self._due is None or self._job.context.num_continuous_states():
-            is_free = self._job.bound == NormBound() and not self.watched.guarded
-            if self.recorder.is_held and is_free:
-                monitor = self.recorder.HeldMonitor(
-                    self._CheckHeld, self._complete_at, self.interruption
-                )
-                self._simulator.set_monitor(monitor)
-            return self._AdvanceInSteps(is_ended)
+            is_checked = self._is_bounded or self.watched.guarded
+            if is_checked or not self.recorder.is_held:
+                return self._AdvanceInSteps(is_ended)
+            monitor = self.recorder.HeldMonitor(
+                self._CheckHeld, self._complete_at, self.interruption
+            )
+            self._simulator.set_monitor(monitor)
+            status = self._AdvanceInSteps(is_ended)
+            if self._ending is None:  # An event has ended the run before a check.
+                self._CheckHeld(self._simulator.get_context().get_time())
+            return status
         # Between the rows, nothing in Python looks at the run.
         self._simulator.clear_monitor()
         context = self._simulator.get_context()
@@ -287,8 +292,8 @@ class _DrakeRun:
         """Records a step at its end; ends the run if a check requires it."""
         sample = self.recorder.Sample()
         self._num_samples += 1
-        if self.watched.guarded:
-            guarded = self.watched.guarded
+        guarded = self.watched.guarded
+        if guarded:
             self.due += GuardsDue(guarded, self._job.diagram, root_context)
         norm = math.hypot(*self._bounded.unpack(sample)) if sample else 0.0
         return self._Check(self.recorder.time, norm)

@@ -1,10 +1,11 @@
 """The sampler of a run in Drake's Simulator."""
 
 import math
+import time as clock
 from array import array
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
-from itertools import cycle, pairwise
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from pydrake.systems.framework import Context, EventStatus, OutputPort, System
@@ -18,8 +19,10 @@ from teleop_drake.loops.run.moving import Motion
 from teleop_drake.loops.run.readings import Readings
 from teleop_drake.loops.run.run import Interruption
 
-# Samples of held signals are checked after so many.
-_SAMPLES_PER_CHECK = 256
+# Samples of held signals are checked after about so many s of real time, and after so
+# many samples at the latest.
+_CHECK_PERIOD = 0.05
+_MOST_UNCHECKED = 256
 
 # The instants at which the first steps are looked at, as shares of their lengths, and
 # the number of these steps.
@@ -139,7 +142,7 @@ class Recorder:
         get_time = self._root_context.get_time
         append_time = self._times.append
         append_sample = self._samples.append
-        is_quiet = cycle([*[True] * (_SAMPLES_PER_CHECK - 1), False])
+        is_quiet = _AreQuiet()
 
         def Monitor(_: Context) -> EventStatus | None:
             for evaluate, context in readers:
@@ -333,6 +336,20 @@ class Recorder:
         begin = np.where(before_end > 0, last[sources], times[sources])
         rows_at = begin + share * (times[sources] - begin)
         return rows_at, samples.take(sources, axis=0), ends[is_step]
+
+
+def _AreQuiet() -> Iterator[bool]:
+    """Yields for each sample of held signals whether it needs no check."""
+    count = 1
+    while True:
+        begin = clock.monotonic()
+        for _ in range(count - 1):
+            yield True
+        yield False
+        taken = clock.monotonic() - begin
+        # The next check is due after as many samples as there are in the period.
+        fitting = int(count * _CHECK_PERIOD / max(taken, 1e-9))
+        count = min(max(fitting, 1), 4 * count, _MOST_UNCHECKED)
 
 
 def _AnyInRow(values: Flags) -> Flags:

@@ -1,5 +1,7 @@
 """Rows of discrete systems in Drake's Simulator, against closed forms."""
 
+import time
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -356,29 +358,57 @@ def test_each_step_has_the_discrete_states_of_its_own():
     assert recording.notes[1:] == []
 
 
+class Undefined(LeafSystem):
+    """x[k + 1] = -2 x[k]^1.5 has no value from 0.2 s on; an update may end the run."""
+
+    def __init__(self, end=np.inf):
+        LeafSystem.__init__(self)
+        self.end = end
+        state = self.DeclareDiscreteState([1.0])
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self.Update)
+        self.DeclareStateOutputPort("y", state)
+
+    def Update(self, context, state):
+        x = context.get_discrete_state_vector().value()
+        with np.errstate(invalid="ignore"):
+            state.set_value(0, -2 * x**1.5)
+        if context.get_time() > self.end:
+            return EventStatus.ReachedTermination(self, "told")
+        return EventStatus.Succeeded()
+
+
+@pytest.mark.parametrize("end", [np.inf, 0.75])
 @pytest.mark.parametrize("period", [None, 0.5])
-def test_a_held_signal_that_is_no_number_ends_the_run(period):
-    """x[k + 1] = -2 x[k]^1.5 has no value from 0.2 s on."""
-
-    class Undefined(LeafSystem):
-        def __init__(self):
-            LeafSystem.__init__(self)
-            state = self.DeclareDiscreteState([1.0])
-            self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, self.Update)
-            self.DeclareStateOutputPort("y", state)
-
-        def Update(self, context, state):
-            x = context.get_discrete_state_vector().value()
-            with np.errstate(invalid="ignore"):
-                state.set_value(0, -2 * x**1.5)
-
+def test_a_held_signal_that_is_no_number_ends_the_run(period, end):
+    """Also where an event ends it before the samples are checked."""
     recording = simulate(
-        Undefined(), duration=50.0, engine="drake", publish_period=period
+        Undefined(end), duration=50.0, engine="drake", publish_period=period
     )
     assert recording.termination == "diverged"
     assert recording.reason == "a signal is not finite"
     assert np.isfinite(recording["y"]).all()
     assert recording.time[-1] == pytest.approx(0.0 if period else 0.2, abs=1e-9)
+
+
+class Slow(Counter):
+    """A count each 0.1 s, whose update takes 20 ms of real time."""
+
+    def Update(self, context, state):
+        super().Update(context, state)
+        time.sleep(0.02)
+
+
+def test_a_slow_run_of_held_signals_shows_its_progress():
+    builder = DiagramBuilder()
+    count = builder.AddSystem(Slow())
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(PERIOD, 1))
+    builder.Connect(count.get_output_port(), hold.get_input_port())
+    times = []
+    options = {"engine": "drake", "signals": ["hold.y"], "progress": times.append}
+    simulate(builder.Build(), duration=5.05, **options)
+    # 1 s of real time or more, with a report each 0.1 s at the most.
+    assert len(times) >= 5
+    assert times == sorted(times)
 
 
 def test_a_signal_that_fails_within_a_step_ends_the_run_with_its_error():
@@ -409,9 +439,7 @@ def test_rows_of_held_signals_are_at_the_ends_of_steps():
     hold = ZeroOrderHold(PERIOD, 1)
     context = hold.CreateDefaultContext()
     hold.get_input_port().FixValue(context, [4.0])
-    recording = simulate(
-        hold, context=context, duration=0.45, engine="drake", simulator=None
-    )
+    recording = simulate(hold, context=context, duration=0.45, engine="drake")
     # The first sample is taken at 0, where the step to 0.1 begins with a jump.
     assert_allclose(recording.time, [0, 0, 0.1, 0.2, 0.3, 0.4, 0.45], atol=1e-12)
     assert_array_equal(recording["y"][:, 0], [0, 4, 4, 4, 4, 4, 4])
