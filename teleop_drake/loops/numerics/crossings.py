@@ -39,6 +39,9 @@ AXIS_TOLERANCE = 1e-8
 # Magnitudes |l| whose logarithms differ by less than this count as equal.
 _EQUAL = 1e-11
 
+# Frequencies closer than this, relative to themselves, may differ by rounding only.
+_SAME_FREQUENCY = 1e-10
+
 # |log|l|| below this may be a rounding error of 0.
 _MAGNITUDE_TOLERANCE = 1e-10
 
@@ -351,6 +354,11 @@ def locate(
 ) -> tuple[Array, ComplexArray]:
     """Returns frequencies (k) at which a measure passes 0, and the eigenvalues there.
 
+    Eigenvalues of equal magnitude, as those of two axes that are coupled by a rotation,
+    pass together. Rounding decides which of them comes first, and differs from one
+    frequency to the next. So all of them are read at one frequency, where each column
+    has its own.
+
     Args:
         loci: The eigenloci.
         columns: The column of the eigenlocus in each interval (k).
@@ -365,7 +373,12 @@ def locate(
     found = find_root(
         lambda w, column: measure(loci.at(w, column)), (low, high), args=(which,)
     ).x
-    return found, loci.at(found, which)
+    order = np.argsort(found)
+    is_new = np.append(True, np.diff(found[order]) > _SAME_FREQUENCY * found[order][1:])
+    group = np.empty(len(order), dtype=int)
+    group[order] = np.cumsum(is_new) - 1
+    frequencies = found[order][is_new]
+    return frequencies[group], loci.over(frequencies)[group, which]
 
 
 def _log_size(values: ComplexArray) -> Array:
