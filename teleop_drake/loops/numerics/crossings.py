@@ -37,10 +37,10 @@ AXIS_TOLERANCE = 1e-8
 """The relative distance within which a root counts as on the imaginary axis."""
 
 # Magnitudes |l| whose logarithms differ by less than this count as equal.
-_EQUAL = 1e-11
+_EQUAL = 1e-8
 
 # Frequencies closer than this, relative to themselves, may differ by rounding only.
-_SAME_FREQUENCY = 1e-10
+_SAME_FREQUENCY = 1e-8
 
 # |log|l|| below this may be a rounding error of 0.
 _MAGNITUDE_TOLERANCE = 1e-10

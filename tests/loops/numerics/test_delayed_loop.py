@@ -90,3 +90,31 @@ def test_two_delays_of_collocation_satisfy_the_equation():
     s = roots[:, np.newaxis]
     rest = s + np.exp(-s * np.array(DELAYS)) @ [[a], [b]]
     assert_allclose(np.abs(rest), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+@pytest.mark.parametrize("seed", range(10))
+def test_the_margins_of_axes_that_a_rotation_couples(seed, scale):
+    """L = M/(s (s + 1) (s + 2)), where M has the eigenvalues a + j b and a - j b.
+
+    Both have the same magnitude, with rounding errors that grow as the coordinates of
+    the axes differ in scale. Each obeys an equation of its own.
+    """
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(0.3, 2.0), rng.uniform(0.1, 0.6)
+    basis = np.linalg.qr(rng.normal(size=(2, 2)))[0] @ np.diag([1.0, scale])
+    basis = basis @ np.linalg.qr(rng.normal(size=(2, 2)))[0]
+    M = basis @ np.array([[a, b], [-b, a]]) @ np.linalg.inv(basis)
+    axis = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -2.0, -3.0]])
+    A = np.kron(np.eye(2), axis)
+    B = np.kron(np.eye(2), [[0.0], [0.0], [1.0]])
+    C = np.kron(M, [[1.0, 0.0, 0.0]])
+    margins = margins_of(state_space(A, B, C, np.zeros((2, 2))))
+    # k (a - j b) = -j w (1 + j w) (2 + j w) at the smallest gain.
+    w = (math.sqrt(9 * b**2 + 8 * a**2) - 3 * b) / (2 * a)
+    assert_allclose(margins.gain, [0.0, 3 * w**2 / a], rtol=1e-6)
+    # w^2 (1 + w^2) (4 + w^2) = a^2 + b^2 where both cross.
+    squares = np.roots([1.0, 5.0, 4.0, -(a**2) - b**2])
+    w = math.sqrt(squares[np.isreal(squares)].real.max())
+    locus = (a - 1j * b) / (1j * w * (1 + 1j * w) * (2 + 1j * w))
+    assert margins.delay == pytest.approx((np.angle(locus) + math.pi) / w, rel=1e-6)
