@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -122,9 +123,10 @@ def main(name: str, task: str, *rest: str) -> None:
         initializer = jitcdde_peer.Adopt
         arguments = (task, CONTROLLER, file)
     context = multiprocessing.get_context("spawn")
-    with context.Pool(JOBS, initializer, arguments) as pool:
-        cases = [(name, task, delay, duration) for delay in delays]
-        pool.starmap(_PeakForce, cases, chunksize=1)
+    # multiprocessing.Pool waits for ever if one of its processes dies.
+    with ProcessPoolExecutor(JOBS, context, initializer, arguments) as executor:
+        peak_force = partial(_PeakForce, name, task, duration=duration)
+        list(executor.map(peak_force, delays))
 
 
 if __name__ == "__main__":
