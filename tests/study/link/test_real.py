@@ -135,8 +135,11 @@ def NumOutages(report):
 
     On a busy machine, a process that goes on may be late once more.
     """
-    begins, ends = np.reshape(report["outages_s"], (-1, 2)).T
-    return len(begins) and 1 + int(np.sum(begins[1:] - ends[:-1] > 0.2))
+    if not report["outages_s"]:
+        return 0
+    begins, ends = np.transpose(report["outages_s"])
+    between = begins[1:] - ends[:-1]
+    return 1 + int(np.sum(between > 0.2))
 
 
 def Relay(server, operator, fates, process):
